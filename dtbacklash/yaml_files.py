@@ -195,14 +195,14 @@ def _where(node: Any) -> str:
 def rig_content(content: Any, file: Path | None = None) -> Any:
     """The content of a rig's file in its long form: ``k: 3 N/m`` is ``k: {value: 3 N/m}``, and paths are absolute.
 
-    file : where it stands; the path of a simulator's model counts from there. Raises Mistake: a list as a parameter.
+    file : where it stands; the path of a simulator's model counts from there. Raises Mistake: a list or a truth value.
     """
     if not isinstance(content, dict):
         return content
     if file is not None and isinstance(model := content.get("model"), str) and model:
         content["model"] = str((file.parent / Path(model).expanduser()).resolve())
     if isinstance(parameters := content.get("parameters"), dict):
-        if (odd := next((name for name, given in parameters.items() if isinstance(given, list)), None)) is not None:
+        if (odd := next((name for name, one in parameters.items() if isinstance(one, (list, bool))), None)) is not None:
             raise Mistake(f"must give parameters.{odd} as a number, a text with a unit, or a mapping")
         content["parameters"] = {
             name: {"value": given} if isinstance(given, (str, int, float)) else given

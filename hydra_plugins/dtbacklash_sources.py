@@ -94,11 +94,12 @@ class UserConfSource(file_config_source.FileConfigSource):
         return config_path != "effect" and super().is_group(config_path)
 
     def load_config(self, config_path: str) -> ConfigResult:
-        file = Path(self.path) / self._normalize_file_name(config_path)
+        file, content = Path(self.path) / self._normalize_file_name(config_path), None
         if file.is_file():
             try:
                 if config_path.startswith(DATA):
-                    yaml_files.read(file.read_bytes())
+                    content = yaml_files.read(file.read_bytes())
+                    content = yaml_files.rig_content(content) if config_path.startswith(GROUP) else None
                 else:  # Hydra's own settings need its resolvers: ${now:...} in a folder's name
                     hydra = config_path.startswith("hydra") or "/" not in config_path
                     yaml_files.check(file.read_bytes(), resolvers=hydra)
@@ -106,7 +107,10 @@ class UserConfSource(file_config_source.FileConfigSource):
                 raise UserError(
                     config_path.partition("/")[0], f"conf/{self._normalize_file_name(config_path)}", str(mistake)
                 ) from mistake
-        return super().load_config(config_path)
+        found = super().load_config(config_path)
+        if content is not None:
+            found.config = OmegaConf.create(content)
+        return found
 
 
 class DtbSearchPath(SearchPathPlugin):

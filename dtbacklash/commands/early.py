@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_origin
 
 from dtbacklash.config.grammar import FOLDER_WORD, OPEN_LOOP, Grammar, unknown_key
 from dtbacklash.config.groups import LAUNCHER, RIGS, options
@@ -35,8 +35,10 @@ def check(grammar: Grammar, words: Sequence[str]) -> None:
     groups = (*grammar.groups, *RIGS, LAUNCHER)
     known = {*grammar.settings, *grammar.known_keys(), *grammar.words, *groups, FOLDER_WORD, "recording"}
     sections = {*(key.split(".")[0] for key in known), "hydra"}
-    mappings = (one.word for one in grammar.settings.values() if one.is_mapping or one.kind is Any)
-    free = (*grammar.open_mappings, *(f"{name}." for name in (*mappings, *RIGS, "hydra")))
+    inside = (
+        one.word for one in grammar.settings.values() if get_origin(one.plain_kind) in (dict, list) or one.kind is Any
+    )
+    free = (*grammar.open_mappings, *(f"{name}." for name in (*inside, *RIGS, "hydra")))
     for key, value in given:
         section = key.split(".")[0]
         there = section in sections and (key in {*known, section, *OPEN_LOOP} or key.startswith(free))
@@ -44,8 +46,9 @@ def check(grammar: Grammar, words: Sequence[str]) -> None:
             raise UserError(key, value, unknown_key(key, grammar))
     if any(word.partition("=")[0] in (*_SHOWS, *_SWEEPS) for word in words):
         return
+    elsewhere = any(key == "hydra.searchpath" for key, _ in given)  # there may be other options
     for key, value in given:
-        if key in grammar.groups and _NAME.fullmatch(value) and value not in (*options(key), "null"):
+        if key in grammar.groups and not elsewhere and _NAME.fullmatch(value) and value not in (*options(key), "null"):
             path = ", or the path of a YAML file" if key in RIGS else ""
             raise UserError(key, value, f"choose one of {', '.join(options(key))}{path}")
         if (one := grammar.settings.get(grammar.words.get(key, key))) is not None:

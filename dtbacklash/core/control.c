@@ -1,6 +1,9 @@
 /* One sample of a controller: linear IMC, nonlinear IMC, a linear law, a predictive one, or open loop. */
 #include "core.h"
 
+/* More samples than any run has: what is cast to a whole number stays below. */
+static const double MOST_SAMPLES = 1e15;
+
 static double within(double value, double low, double high) { return dmin(dmax(value, low), high); }
 
 /* c x, for a row c (n,). */
@@ -101,7 +104,9 @@ static double cross(const Controller *C, ControllerState *X, double gap, double 
 /* How many samples before the load moves the motor has to set out, to have crossed a gap, rad, by then. */
 static int64_t crossing_samples(const Controller *C, double gap)
 {
-    return C->crossing_step > 0.0 ? (int64_t)ceil(2.0 * gap / C->crossing_step) + C->arriving : 0;
+    double samples = C->crossing_step > 0.0 ? ceil(2.0 * gap / C->crossing_step) : -1.0;
+
+    return samples >= 0.0 ? (int64_t)dmin(samples, MOST_SAMPLES) + C->arriving : 0;
 }
 
 /* The reference that passes, m: while a jump waits for the motor to cross the gap, the one before it.

@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.laws import Controller, ControllerState, controller_state_struct, controller_struct
-from dtbacklash.core.library import ffi, lib, struct
+from dtbacklash.core.library import buffer, ffi, lib, struct
 from dtbacklash.physics.kernel.plant import Plant, State
 from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 from dtbacklash.twin.gap.novelty import lock_in_struct
@@ -65,6 +65,8 @@ def run_segment(
         (inf for never). before : novelty before the first sample, m; it has to rise through its limit. indexes : of
         :func:`.indexes.indexes_struct`, which then end the segment as well; None for none.
 
+    Raises ValueError: arrays that are not of the run's samples and of the plant's sensors.
+
     Returns (k, why) : the sample after the last one that was run, and RAN, NOVELTY, DIVERGED, or ALARM and the place of
     an index.
     """
@@ -72,11 +74,20 @@ def run_segment(
         "Stretch", first=first, stop=stop, theta_m=roles[0], q3=roles[1], gap=in_force.gap, growth=in_force.growth,
         since=in_force.since, largest=limits[0], novelty=limits[1], before=before,
     )  # fmt: skip
+    n, sensors = len(signals.gap), len(P.sensor)
+    if not 0 <= first <= stop <= n or n < 2:
+        raise ValueError(f"samples {first} to {stop} of {n}")
+    shapes = {"noise": (len(signals.noise) and n, sensors), "resolution": (sensors,),
+              "moving": (len(signals.moving) and n,), "truth": (n, sensors), "seen": (n, sensors)}  # fmt: skip
+    arrays = (
+        {name: buffer(array, *shapes.get(name, (n,))) for name, array in each._asdict().items()}
+        for each in (signals, traces)
+    )
     given = struct(
-        "Signals", **signals._asdict(), samples=len(signals.gap), sensors=traces.seen.shape[1],
-        noisy=len(signals.noise) > 0, ahead=len(signals.moving) > 0,
+        "Signals", **next(arrays), samples=n, sensors=sensors, noisy=len(signals.noise) > 0,
+        ahead=len(signals.moving) > 0,
     )  # fmt: skip
-    made = struct("Traces", **traces._asdict())
+    made = struct("Traces", **next(arrays))
     why = ffi.new("int64_t *")
     after = lib.dtb_run_loop(
         plant_struct(P), state_struct(S), controller_struct(C), controller_state_struct(X),

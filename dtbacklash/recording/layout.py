@@ -29,7 +29,11 @@ _VALUE = re.compile(
 )
 _QUANTITY = re.compile(rf"({preamble.NUMBER.pattern})\s*([^\W\d]\D*|°|µ\D+)")
 #: digits in groups of three, for a point as decimal sign
-_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS}]\d{{3}})+)")
+_GROUPED = re.compile(
+    rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS.replace(' ', '')}]\d{{3}})+)"
+)
+#: the same by blanks, which part columns as well: only where the numbers around it tell
+_GROUPED_BY_BLANKS = re.compile(r"[+-]?\d{1,3}( \d{3})+")
 _BLANKS = re.compile(r"[ \t\f]+")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
 _POINT = str.maketrans(".,", ",.")
@@ -197,7 +201,7 @@ def _begins(fields: list[str], good: list[int], width: int) -> bool:
 def _goes_on(fields: list[str], good: list[int], width: int) -> bool:
     """Whether a line above the first of the numbers is one of them, in which some are missing or failed."""
     filled = [j for j in good if len(fields) == width and fields[j]]
-    numbers = [j for j in filled if _kind([fields[j]]) in (NUMBER, STAMP)]
+    numbers = [j for j in filled if _kind([fields[j]]) in (NUMBER, STAMP) or _GROUPED_BY_BLANKS.fullmatch(fields[j])]
     return len(numbers) > 1 and numbers[0] == good[0]
 
 

@@ -29,7 +29,7 @@ MISSING = frozenset({"", "-", "--", "---", "nan", "na", "n/a", "#n/a", "nat", "n
 _EXPONENT = r"(?:[eEdD][+-]?\d+)?"
 _INTEGER, _WORD = rf"^[+-]?\d+{_EXPONENT}$", r"(?i)^[+-]?inf(?:inity)?$"
 _QUANTITY = rf"^\s*(?P<number>[+-]?[\d.,][\d.,{BLANKS}]*{_EXPONENT})\s*(?P<unit>[^\d\s.,].*?)\s*$"
-SLIPS = 0.05  # of all numbers with a sign: fewer than these prove nothing
+SLIPS = 0.05  # of the rows: fewer decimal points than these do not prove that commas part columns
 _LOOK = 1000  # rows in which a proof is looked for before all the others
 
 
@@ -75,12 +75,10 @@ def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), 
 
 
 def _vote(columns: Sequence[Texts]) -> tuple[str, bool]:
-    """The decimal sign that more numbers prove, and whether they are more than slips."""
+    """The decimal sign that more numbers prove, and whether any does."""
     votes = {sign: sum(int(proofs(column, sign).sum()) for column in columns) for sign in (POINT, COMMA)}
     decimal = max(votes, key=lambda sign: votes[sign])
-    signed = "|".join(form(sign) for form in (_plain, _grouped) for sign in (POINT, COMMA))
-    count = sum(int(_match(column, signed).sum()) for column in columns)
-    return decimal, votes[decimal] > max(SLIPS * count, min(1, count - 1))  # one proves nothing beside others
+    return decimal, votes[decimal] > 0
 
 
 def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str]:

@@ -64,9 +64,8 @@ def read(content: bytes, rows: tuple[int, int] | None = None, decimal: str = "")
     convention = numerals.decide([numbers for numbers, _ in parts if not _stamped(numbers)], present, decimal)
     head = preamble.understood(above, width, convention.decimal)
     table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
-    if found.delimiter == ",":
-        named = any(len(row) == width for row in above)
-        _check_commas(texts, [""] * width if named else [name for name in (*head.names, *head.spare) if name])
+    if found.delimiter == "," and not (above and len(above[-1]) == width):  # else each column has its head
+        _check_commas(texts, [name for name in (*head.names, *head.spare) if name])
     if table.numbered:
         head.names = [str(j) for j in range(width)]
     columns = {j: _column(c, convention) for j, c in enumerate(texts) if head.names[j] or c.null_count < len(c)}

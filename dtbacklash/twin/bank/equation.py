@@ -88,6 +88,13 @@ def torque_record(E: MotorEquation, theta: Floats, u: Floats) -> tuple[Floats, F
     torque, speed = np.empty_like(theta), np.empty_like(theta)
     past, lags = np.repeat([theta[0], u[0]], 4), np.zeros(9)
     lib.dtb_residual_torque(
-        motor_struct(E), buffer(past), buffer(lags), theta.size, buffer(theta), buffer(u), buffer(torque), buffer(speed)
+        motor_struct(E),
+        buffer(past),
+        buffer(lags),
+        theta.size,
+        buffer(theta),
+        buffer(u, theta.size),
+        buffer(torque),
+        buffer(speed),
     )
     return torque, speed

@@ -70,7 +70,9 @@ def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> N
 
 def lock_in_struct(state: Array, sos: Array, cos_step: float, sin_step: float) -> Any:
     """The lock-in filter and its state, from :meth:`NoveltyDesign.initial_state`, as the core takes them."""
-    return struct("LockIn", sections=len(sos), cos_step=cos_step, sin_step=sin_step, sos=sos, state=state)
+    n = len(sos)
+    arrays = {"sos": buffer(sos, n, 6), "state": buffer(state, 2 + 4 * n + 2)}
+    return struct("LockIn", sections=n, cos_step=cos_step, sin_step=sin_step, **arrays)
 
 
 def novelty_step(state: Array, sos: Array, cos_step: float, sin_step: float, error: float) -> float:

@@ -192,10 +192,10 @@ def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: f
 def buffer_struct(theta_m: Array, eps_q: Array, path: Path, settle: int) -> Any:
     """A buffer as the core takes it; arguments as for :func:`cost`.
 
-    Raises ValueError: it is empty, or begins to count before its first sample.
+    Raises ValueError: it is empty, or begins to count outside of it.
     """
     N = len(theta_m)
-    if N == 0 or settle < 0:
+    if N == 0 or not 0 <= settle <= N:
         raise ValueError(f"a buffer of {N} samples that count from {settle} on")
     arrays = {"theta_m": copied(theta_m, N), "eps_q": copied(eps_q, N)}
     return struct("TwinBuffer", samples=N, settle=settle, path=path_struct(path), **arrays)

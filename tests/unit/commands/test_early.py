@@ -41,7 +41,8 @@ RIGHT_RUNS = [
     ["controller=nimc_twin", "profile=step", "twin.delay_s=0", "duration_s=20 s"], ["twin.delay_s=${duration_s}"],
     ["reference.amplitude_v=2", "controller=open_loop"], ["rig.effects.motor_bearing.coulomb_friction.torque=0.02"],
     ["seed=null"], ["-m", "controller=imc,nimc_twin"], ["experiment=null"],
-    ["model=emps", "model.parameters.k.value=3"],
+    ["model=emps", "model.parameters.k.value=3"], ["hydra.searchpath=[file:///tmp/x]", "controller=mine"],
+    ["controller.compensate=[cogging]", "controller.compensate.0=constant_load"],
 ]  # fmt: skip
 
 

@@ -45,6 +45,14 @@ def test_a_parameter_may_be_its_value_alone(tmp_path):
     assert [dtb.load_rig(file).elements[link].values["stiffness"] for link in ("one", "two")] == [3e3, 3e3]
 
 
+def test_a_parameter_that_is_a_list_or_a_truth_value_is_refused():
+    for wrong in ([3.0], True):
+        with pytest.raises(
+            dtb.UserError, match=r"must give parameters\.k as a number, a text with a unit, or a mapping"
+        ):
+            dtb.load_rig({"parameters": {"k": wrong}, "elements": {}})
+
+
 @pytest.mark.parametrize("kind", ["name", "file", "mapping", "rig"])
 def test_changes_go_on_top(kind, file):
     source = {

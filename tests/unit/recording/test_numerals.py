@@ -166,3 +166,22 @@ def test_a_table_is_read_as_it_was_written_or_refused(table):
 @given(table=tables())
 def test_ten_thousand_tables_are_read_as_they_were_written_or_refused(table):
     check(*table[:2])
+
+
+LOGGED = [
+    ("t,y\n" + "\n".join(f"{0.1 * k:.3f},{135 + 20 * np.sin(k / 17):.3f}" for k in range(600)), "y", 135.0),
+    ("t,u\n0.000,1.250\n1.000,1.260\n2.000,1.280\n3.000,1.300", "u", 1.25),
+    ("t;u\n0;0,5\n1;1,234\n2;1,250", "u", 0.5),
+    ("t u y\n" + "\n".join(f"{k / 10} {150 + k / 2} {300.0 - k}".replace(".", ",") for k in range(60)), "y", 300.0),
+]
+
+
+@pytest.mark.parametrize(("text", "column", "first"), LOGGED)
+def test_numbers_of_three_decimals_are_read_where_any_number_tells_the_sign(text, column, first):
+    assert read_table(text.encode(), "a.csv").columns[column].values[0] == first
+
+
+def test_a_remark_above_the_heads_is_no_head():
+    rows = "\n".join(f"1,{k},257.3" for k in range(1, 60))
+    with pytest.raises(Refused, match="a comma in a number cannot be told"):
+        read_table(f"# rig 3, cold, wet\nt,u\n{rows}".encode(), "a.csv")
