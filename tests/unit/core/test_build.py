@@ -79,7 +79,8 @@ def test_the_core_is_sound_under_sanitizers(tmp_path):
     sanitize = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     subprocess.run(["cc", *build.FLAGS, *sanitize, str(build.HERE / "core.c"), "-o", str(library), "-lm"], check=True)
     asan = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
-    environment = os.environ | {"LD_PRELOAD": asan.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
+    preload = f"{asan.strip()}:libstdc++.so.6"  # what Matplotlib throws is looked for there when the sanitizer begins
+    environment = os.environ | {"LD_PRELOAD": preload, "ASAN_OPTIONS": "detect_leaks=0"}
     here = Path(__file__).parent
     names = ("test_equality.py", "test_laws.py", "test_twin_core.py", "test_control_core.py")
     tests = ["-k", "not with_each_of_its", *(str(here / name) for name in names)]
