@@ -12,6 +12,5 @@ class ResumableSweeper(BasicSweeper):
 
     def sweep(self, arguments: list[str]) -> Any:
         from dtbacklash.campaign import sweep
-        from dtbacklash.face.progress import announce_compilation
 
-        return sweep.run(self, arguments, announce_compilation)
+        return sweep.run(self, arguments)

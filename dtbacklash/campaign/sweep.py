@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -149,10 +149,8 @@ def job(config: DictConfig, folder: Path, command: str) -> None:
     perform(one)
 
 
-def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] = lambda: None) -> Outcome:
+def run(sweeper: BasicSweeper, arguments: list[str]) -> Outcome:
     """Run what is missing of a sweep, and write its table and what the application draws of it; how it went.
-
-    begin : is called when there is something to do, before it is done.
 
     Raises UserError: no job can even be set up, two would write one file (nothing is written then), or the folder
     cannot be written to. Failure: the disk is full; finished jobs stay. KeyboardInterrupt: finished jobs stay; the same
@@ -174,8 +172,6 @@ def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] =
             if one.name in refused:
                 one.failed_by(refused[one.name])
         kept = sum(one.done() for one in able)
-        if kept < len(able):
-            begin()
         assert sweeper.launcher is not None
         with shown("jobs") as tell:
             engine.complete(able, Launcher(sweeper.launcher.launch, words), tell)
