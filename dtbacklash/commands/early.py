@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, get_origin
 
-from dtbacklash.config.grammar import FOLDER_WORD, OPEN_LOOP, Grammar, unknown_key
+from dtbacklash.config.grammar import FOLDER_WORD, OPEN_LOOP, Grammar, kind_of, unknown_key
 from dtbacklash.config.groups import LAUNCHER, RIGS, options
 from dtbacklash.config.setting import Declared
 from dtbacklash.errors import UserError
@@ -52,12 +52,12 @@ def check(grammar: Grammar, words: Sequence[str]) -> None:
             path = ", or the path of a YAML file" if key in RIGS else ""
             raise UserError(key, value, f"choose one of {', '.join(options(key))}{path}")
         if (one := grammar.settings.get(grammar.words.get(key, key))) is not None:
-            _check_value(key, value, one)
+            _check_value(key, value, one, grammar)
     if SOURCE in grammar.settings:
         _check_recording({SOURCE if key == grammar.settings[SOURCE].word else key: value for key, value in given})
 
 
-def _check_value(key: str, value: str, one: Declared) -> None:
+def _check_value(key: str, value: str, one: Declared, grammar: Grammar) -> None:
     """Refuse a plain word where a number is wanted or where it is none of the choices, and a number out of range."""
     if _NUMBER.fullmatch(value):
         whole = value.lstrip("+-").isdigit()
@@ -67,7 +67,7 @@ def _check_value(key: str, value: str, one: Declared) -> None:
     if not _NAME.fullmatch(value) or value.lower() in _WORDS:
         return
     if one.is_number:
-        raise UserError(key, value, "must be a whole number" if one.plain_kind is int else "must be a number")
+        raise UserError(key, value, f"must be {kind_of(one.key, grammar)}")
     if one.plain_kind is str:
         one.about.check(one.word, value)
 

@@ -20,9 +20,8 @@ from omegaconf.errors import (
     ValidationError,
 )
 
-from dtbacklash.config.grammar import FOLDER_WORD, RUN, RUN_FOLDER, SWEEP_FOLDER, Grammar, unknown_key
+from dtbacklash.config.grammar import FOLDER_WORD, RUN, RUN_FOLDER, SWEEP_FOLDER, Grammar, kind_of, unknown_key
 from dtbacklash.config.groups import RIGS
-from dtbacklash.config.load import kind_of
 from dtbacklash.errors import UserError
 from dtbacklash.files import cannot_write
 

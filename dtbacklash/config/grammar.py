@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import tomllib
+import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -114,6 +115,19 @@ FILES = {EXPORT.name: EXPORT}
 def grammar_of(schema: type) -> Grammar:
     """The command whose configuration is a ``schema``."""
     return next(one for one in _ALL.values() if one.schema is schema)
+
+
+def kind_of(key: str, grammar: Grammar = RUN) -> str:
+    """Say in words what type the setting ``key`` has."""
+    words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", dict: "a mapping"}
+    if key in grammar.settings and typing.get_origin(grammar.settings[key].plain_kind) is list:
+        choices = ", ".join(grammar.settings[key].about.choices)
+        return f"a list of {choices or 'texts'}, e.g. {grammar.settings[key].shown()}"
+    if key in grammar.settings:
+        kind = grammar.settings[key].plain_kind
+        return words.get(typing.get_origin(kind) or kind, "a value of another kind")
+    numbers = key.startswith(("sensors.", *(f"{group}.parameters." for group in RIGS)))
+    return "a number" if numbers else "a value of another kind"
 
 
 def unknown_key(key: str, grammar: Grammar = RUN) -> str:

@@ -15,8 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dtbacklash import sources
-from dtbacklash.config.grammar import RUN, Grammar, grammar_of, unknown_key
-from dtbacklash.config.groups import RIGS
+from dtbacklash.config.grammar import Grammar, grammar_of, unknown_key
 from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
@@ -66,19 +65,6 @@ def _refuse_unknown(config: DictConfig, schema: type, grammar: Grammar, prefix: 
             child = next(k for k in typing.get_args(child) if k is not type(None))
         if dataclasses.is_dataclass(child) and isinstance(child, type):
             _refuse_unknown(config[key], child, grammar, f"{dotted}.")
-
-
-def kind_of(key: str, grammar: Grammar = RUN) -> str:
-    """Say in words what type the setting ``key`` has."""
-    words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", dict: "a mapping"}
-    if key in grammar.settings and typing.get_origin(grammar.settings[key].plain_kind) is list:
-        choices = ", ".join(grammar.settings[key].about.choices)
-        return f"a list of {choices or 'texts'}, e.g. {grammar.settings[key].shown()}"
-    if key in grammar.settings:
-        kind = grammar.settings[key].plain_kind
-        return words.get(typing.get_origin(kind) or kind, "a value of another kind")
-    numbers = key.startswith(("sensors.", *(f"{group}.parameters." for group in RIGS)))
-    return "a number" if numbers else "a value of another kind"
 
 
 def plain(config: object) -> dict[str, Any]:

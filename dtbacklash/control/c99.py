@@ -45,6 +45,8 @@ int main(void) {{
 """
 #: behind this the core's file is for Python alone
 PYTHON = "/* ---- for Python ---- */"
+#: no measured angle, rad, output or reference, m, is larger
+SANE = 1e6
 #: of the test vector
 ROWS = 400
 
@@ -64,7 +66,7 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     sizes = {name: max(size, 1) for name, size in sizes.items()}
     state = new_controller_state(C)
     sizes |= {"NSPARE": len(state.spare), "NLINE": state.lines.shape[1]}
-    numbers = {"LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "FIRST_HALF_GAP": first_half_gap_rad}
+    numbers = {"LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "FIRST_HALF_GAP": first_half_gap_rad, "SANE": SANE}
     lines = ["enum { " + ", ".join(f"{name} = {value}" for name, value in sizes.items()) + " };"]
     lines += [f"static const double {name} = {_number(value)};" for name, value in numbers.items()]
     lines += [
@@ -73,7 +75,7 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     inside = (f".{name} = {_entry(name, value)}" for name, value in fields.items())
     law = [_core("arithmetic.h"), _core("control.h"), _core("control.c").partition(PYTHON)[0]]
     own = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
-    head = HEAD.format(about=about.replace("*/", "* /"), sample_time=C.sample_time, limit=C.limit, sane=1e6)
+    head = HEAD.format(about=about.replace("*/", "* /"), sample_time=C.sample_time, limit=C.limit, sane=SANE)
     values = "static const Controller LAW = {" + ", ".join(inside) + "};"
     return "\n".join([head, *law, *lines, values, "", own])
 
@@ -85,13 +87,9 @@ def _core(name: str) -> str:
 
 
 def _entry(name: str, value: Any) -> str:
-    return (
-        name.upper()
-        if isinstance(value, np.ndarray)
-        else _number(value)
-        if isinstance(value, float)
-        else str(int(value))
-    )
+    if isinstance(value, np.ndarray):
+        return name.upper()
+    return _number(value) if isinstance(value, float) else str(int(value))
 
 
 def c_test(controller: Controller, first_half_gap_rad: float, name: str) -> str:
@@ -104,12 +102,6 @@ def c_test(controller: Controller, first_half_gap_rad: float, name: str) -> str:
     u = [control_step(controller, state, *one, first_half_gap_rad)[0] for one in zip(r, theta_m, q3, strict=True)]
     vector = ",\n".join(map(row, np.column_stack([r, theta_m, q3, u])))
     return TEST.format(name=name, name_test=name.replace(".c", "_test.c"), rows=ROWS, vector=vector)
-
-
-def matrix(name: str, a: Floats) -> str:
-    rows, columns = max(a.shape[0], 1), max(a.shape[1], 1)
-    inside = ", ".join(map(row, a)) or "{0.0}"
-    return f"static const double {name}[{rows}][{columns}] = {{{inside}}};"
 
 
 def row(values: Floats) -> str:

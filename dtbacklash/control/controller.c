@@ -1,6 +1,5 @@
 /* What calls the law: its state, resets, new estimates, and readings that are not sane. */
 
-#define SANE 1e6        /* no measured angle, rad, output or reference, m, is larger */
 #define GAP_MOST 6.2832 /* no half-gap, rad, is larger */
 
 typedef struct {

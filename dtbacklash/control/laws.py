@@ -38,8 +38,8 @@ from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.linear_law import FOUND_V, SEARCH_STEPS, LinearLaw, search_lengths
 from dtbacklash.core.library import buffer, lib, struct
 
-IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
-BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
+IMC, NIMC, OPEN_LOOP, LINEAR = lib.IMC, lib.NIMC, lib.OPEN_LOOP, lib.LINEAR
+BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = lib.BARE, lib.MEASURED, lib.INNER_LOOP, lib.EXACT, lib.INVERSE
 _STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}  # all others are linear
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is

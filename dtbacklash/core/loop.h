@@ -1,6 +1,6 @@
 /* What a closed loop runs on, see experiment/loop.py and twin/: signals and traces of N + 1 samples, by rows. */
 
-/* why a stretch of samples ended; ALARM and the place of the index that has risen */
+/* why a segment ended; ALARM and the place of the index that has risen */
 enum { RAN, NOVELTY, DIVERGED, ALARM = 10 };
 
 /* places of the novelty indexes */
@@ -48,10 +48,10 @@ typedef struct {
     double hysteresis;
 } Indexes;
 
-/* A stretch of samples: first <= k < stop. theta_m, q3 : sensors that show them, or -1. The half-gap in force is `gap`
+/* A segment: the samples first <= k < stop. theta_m, q3 : sensors that show them, or -1. The half-gap in force is `gap`
  * rad at sample `since`, and grows by `growth` a sample. largest : |q3| that counts as diverged, m. novelty : m, ends
- * the stretch; `before` : it was before the first sample, and has to rise through its limit. */
+ * the segment where it rises through this; before : novelty of the sample before the first. */
 typedef struct {
     int64_t first, stop, theta_m, q3, since;
     double gap, growth, largest, novelty, before;
-} Stretch;
+} Segment;

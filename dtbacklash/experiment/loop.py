@@ -70,27 +70,27 @@ def run_segment(
     Returns (k, why) : the sample after the last one that was run, and RAN, NOVELTY, DIVERGED, or ALARM and the place of
     an index.
     """
-    stretch = struct(
-        "Stretch", first=first, stop=stop, theta_m=roles[0], q3=roles[1], gap=in_force.gap, growth=in_force.growth,
+    segment = struct(
+        "Segment", first=first, stop=stop, theta_m=roles[0], q3=roles[1], gap=in_force.gap, growth=in_force.growth,
         since=in_force.since, largest=limits[0], novelty=limits[1], before=before,
     )  # fmt: skip
-    n, sensors = len(signals.gap), len(P.sensor)
+    n, sensors, noisy, ahead = len(signals.gap), len(P.sensor), len(signals.noise) > 0, len(signals.moving) > 0
     if not 0 <= first <= stop <= n or n < 2:
         raise ValueError(f"samples {first} to {stop} of {n}")
-    shapes = {"noise": (len(signals.noise) and n, sensors), "resolution": (sensors,),
-              "moving": (len(signals.moving) and n,), "truth": (n, sensors), "seen": (n, sensors)}  # fmt: skip
-    arrays = (
-        {name: buffer(array, *shapes.get(name, (n,))) for name, array in each._asdict().items()}
-        for each in (signals, traces)
-    )
-    given = struct(
-        "Signals", **next(arrays), samples=n, sensors=sensors, noisy=len(signals.noise) > 0,
-        ahead=len(signals.moving) > 0,
-    )  # fmt: skip
-    made = struct("Traces", **next(arrays))
+    shapes = {
+        "noise": (n if noisy else 0, sensors), "resolution": (sensors,), "moving": (n if ahead else 0,),
+        "truth": (n, sensors), "seen": (n, sensors),
+    }  # fmt: skip
+    given = struct("Signals", **_buffers(signals, n, shapes), samples=n, sensors=sensors, noisy=noisy, ahead=ahead)
+    made = struct("Traces", **_buffers(traces, n, shapes))
     why = ffi.new("int64_t *")
     after = lib.dtb_run_loop(
         plant_struct(P), state_struct(S), controller_struct(C), controller_state_struct(X),
-        lock_in_struct(detector, *oscillator), ffi.NULL if indexes is None else indexes, given, made, stretch, why,
+        lock_in_struct(detector, *oscillator), ffi.NULL if indexes is None else indexes, given, made, segment, why,
     )  # fmt: skip
     return int(after), int(why[0])
+
+
+def _buffers(arrays: Signals | Traces, samples: int, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    """The arrays as the core takes them. shapes : of those that do not have one number for each sample."""
+    return {name: buffer(array, *shapes.get(name, (samples,))) for name, array in arrays._asdict().items()}

@@ -60,25 +60,16 @@ def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), 
     signs = [sign for sign in (POINT, COMMA) if sign in present]
     if not signs:
         return Convention(alone=True)
-    if len(signs) == 1:  # the usual file: its beginning is enough
-        decimal, proved = _vote([column[:_LOOK] for column in columns])
-        if proved:
+    for rows in (_LOOK, None) if len(signs) == 1 else (None,):  # of the usual file its beginning is enough
+        votes = {sign: sum(int(proofs(c[:rows], sign).sum()) for c in columns) for sign in (POINT, COMMA)}
+        decimal = max(votes, key=lambda sign: votes[sign])
+        if votes[decimal]:
             return Convention(decimal, alone=signs == [decimal])
-    decimal, proved = _vote(columns)
-    if proved:
-        return Convention(decimal, alone=signs == [decimal])
     held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
     open_ = [sign for sign in signs if any(_match(c, _one_group(sign)).any() for c in held[sign])]
     if len(open_) == 1 and any(_counts_on(c, open_[0]) for c in held[open_[0]]):
         return Convention(COMMA if open_ == [POINT] else POINT)
     return Convention(fallback or POINT, decided=bool(fallback) or not open_)
-
-
-def _vote(columns: Sequence[Texts]) -> tuple[str, bool]:
-    """The decimal sign that more numbers prove, and whether any does."""
-    votes = {sign: sum(int(proofs(column, sign).sum()) for column in columns) for sign in (POINT, COMMA)}
-    decimal = max(votes, key=lambda sign: votes[sign])
-    return decimal, votes[decimal] > 0
 
 
 def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str]:

@@ -203,7 +203,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def is_frame(value: object) -> TypeIs[pd.DataFrame]:
-    """Whether something is a DataFrame; where nobody has imported pandas, nothing is."""
+    """Tell whether a value is a DataFrame, without importing pandas."""
     return "pandas" in sys.modules and isinstance(value, sys.modules["pandas"].DataFrame)
 
 

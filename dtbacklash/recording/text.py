@@ -230,7 +230,7 @@ def _cut_texts(table: Table, columns: dict[int, Column], texts: list[Texts], con
 
 
 def _odd(texts: Texts, convention: Convention) -> tuple[np.ndarray, np.ndarray, str]:
-    """Which texts of a column are numbers or stamps; the rows of those that are neither; why it cannot be read."""
+    """A mask of the numbers or stamps in a column, the rows of other texts, and why the column cannot be read."""
     if _stamped(texts):
         read = np.array([stamps.STAMP.fullmatch((text or "").strip()) is not None for text in texts.to_pylist()])
         return read, np.flatnonzero(~read), ""

@@ -16,7 +16,7 @@ from dtbacklash import cli
 from dtbacklash.commands.export import LIMIT_V
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, design_for, settled
-from dtbacklash.control.c99 import matrix, row
+from dtbacklash.control.c99 import row
 from dtbacklash.control.laws import build_controller, control_step, crossing_samples, feed_forward, new_controller_state
 from dtbacklash.control.observer import plant
 from dtbacklash.experiment.run import run_scenario
@@ -104,6 +104,13 @@ def exported(tmp_path_factory):
         return folder
 
     return make
+
+
+def matrix(name, a):
+    """A matrix as C has it."""
+    rows, columns = max(a.shape[0], 1), max(a.shape[1], 1)
+    inside = ", ".join(map(row, a)) or "{0.0}"
+    return f"static const double {name}[{rows}][{columns}] = {{{inside}}};"
 
 
 def loaded(folder):

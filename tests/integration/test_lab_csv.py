@@ -35,10 +35,11 @@ def test_stamps_commas_and_german_heads_lead_to_the_cubic_spring(process, tmp_pa
     assert all(line.startswith("dtb: ") for line in done.stderr.splitlines())  # how far it is
     assert "error" not in done.stderr
     document = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
-    # no noise at all: what two integrators differ by is named as a lag beside it (KNOWN_GAPS.md)
-    finding = next(one for one in document["findings"] if one["location"] == "spring")
+    finding, *others = sorted(document["findings"], key=lambda one: one["location"] != "spring")
     assert (finding["location"], finding["effect"], finding["confidence"]) == ("spring", "cubic_stiffness", "sure")
     low, high = finding["parameters"]["k3"]["ci95"]
     assert low < 3e7 < high
     assert document["units"]["u"] == "mV (header)"
     assert "dtb run rig=found/rig.yaml controller=open_loop" in done.stdout
+    if others:
+        pytest.xfail("a lag of 0.3 ms is named beside it where a recording has no noise (KNOWN_GAPS.md)")

@@ -3,7 +3,7 @@
 - frequency: the dominant mode's frequency in the prediction error over omega_d, from the rate at which the phase of the
   lock-in's analytic signal turns. 1 for whatever leaves the structure as it is; it says something only while the mode
   swings by itself: it is NaN below an amplitude, while the amplitude rises, and for one period after.
-- motor: the torque that the voltage leaves over on the believed motor (:mod:`.motor`), rms.
+- motor: the torque that the voltage leaves over on the believed motor (:mod:`.equation`), rms.
 - structure: what the structure's linear observer leaves over behind the gap in force,
   ``den/chi q3 - num/chi theta_d`` (:mod:`.observer`), rms.
 """

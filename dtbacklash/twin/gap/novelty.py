@@ -40,7 +40,7 @@ class NoveltyDesign:
     sin_step: float
 
     def initial_state(self) -> Array:
-        """State of :func:`novelty_step` at t = 0: oscillator at phase 0, filters at rest; at its end, both channels."""
+        """State of :func:`novelty_index` at t = 0: oscillator at phase 0, filters at rest; at its end both channels."""
         state = np.zeros(2 + 4 * self.sos.shape[0] + 2)
         state[0] = 1.0
         return state
@@ -75,16 +75,11 @@ def lock_in_struct(state: Array, sos: Array, cos_step: float, sin_step: float) -
     return struct("LockIn", sections=n, cos_step=cos_step, sin_step=sin_step, **arrays)
 
 
-def novelty_step(state: Array, sos: Array, cos_step: float, sin_step: float, error: float) -> float:
-    """Amplitude of the mode after one more sample of the prediction error, in the error's unit.
-
-    state: from :meth:`NoveltyDesign.initial_state`, changed in place.
-    """
-    return float(novelty_index(np.array([error]), sos, cos_step, sin_step, state)[0])
-
-
 def novelty_index(errors: Array, sos: Array, cos_step: float, sin_step: float, state: Array) -> Array:
-    """(N,) :func:`novelty_step` over a whole record (N,) of errors."""
+    """(N,) amplitudes of the mode along a record (N,) of prediction errors, in their unit.
+
+    state : from :meth:`NoveltyDesign.initial_state`, changed in place: the next record goes on from there.
+    """
     errors = np.ascontiguousarray(errors, dtype=float)
     out = np.empty_like(errors)
     lib.dtb_lock_in(lock_in_struct(state, sos, cos_step, sin_step), len(errors), buffer(errors), buffer(out))

@@ -128,13 +128,8 @@ def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Arr
 def filtered(u: Array, path: Path) -> Array:
     """Response of a path to the samples u, (N,), from rest at u[0]."""
     out = np.array(u, dtype=np.float64, order="C")
-    filter_in_place(out, path)
+    lib.dtb_filter(path_struct(path), len(out), buffer(out, len(out)), room(path, 1))
     return out
-
-
-def filter_in_place(u: Array, path: Path) -> None:
-    """Samples u, (N,), become the response of a path to them, from rest at u[0]."""
-    lib.dtb_filter(path_struct(path), len(u), buffer(u, len(u)), room(path, 1))
 
 
 def cost(
@@ -182,11 +177,6 @@ def cost_and_gradient(
     lib.dtb_cost_and_gradient(given, half_gap, theta_d0, buffer(out), room(path, 3))
     value, by_gap, by_start = out.tolist()
     return value, by_gap, by_start
-
-
-def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int) -> Array:
-    """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
-    return sensitivities(theta_m, eps_q, half_gap, theta_d0, 0.0, path, settle)[[0, 2]]
 
 
 def buffer_struct(theta_m: Array, eps_q: Array, path: Path, settle: int) -> Any:

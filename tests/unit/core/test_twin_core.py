@@ -73,7 +73,8 @@ def test_the_error_its_cost_and_its_derivatives(case):
     assert same_bits(observer.sensitivities(*case), oracle.sensitivities(*case))
     fixed = theta_m, eps_q, half_gap, start, path, settle
     assert same_bits(observer.cost_and_gradient(*fixed), oracle.cost_and_gradient(*fixed))
-    assert same_bits(observer.start_sensitivity(*fixed), oracle.start_sensitivity(*fixed))
+    by_start = observer.sensitivities(theta_m, eps_q, half_gap, start, 0.0, path, settle)[[0, 2]]
+    assert same_bits(by_start, oracle.start_sensitivity(*fixed))
 
 
 @settings(max_examples=60)

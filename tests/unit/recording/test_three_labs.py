@@ -55,7 +55,6 @@ class Log:
     exact: np.ndarray = field(default_factory=lambda: np.ones(N, dtype=bool))
     above: list[str] = field(default_factory=list)
     below: list[str] = field(default_factory=list)
-    noted: str = ""
 
     def write(self) -> bytes:
         lines = [*self.above, self.lab.delimiter.join(self.lab.heads)]
