@@ -120,7 +120,7 @@ class Conclusion:
 
     @property
     def known(self) -> bool:
-        """Whether some name is sure, or one of several at a place that is."""
+        """Whether some name is sure, or one of several."""
         return any(mark != "partial" for mark in self.certainty.values())
 
     def stands_in_each(self, title: str) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
 
-#: ``one_of``: this effect or one of those that also fit, at this place
+#: ``one_of``: this effect or one of those that also fit
 Confidence = Literal["sure", "one_of", "partial"]
 
 #: the ends of a 95 % interval, in the unit of the value; NaN or infinite where it is open
@@ -112,7 +112,7 @@ class Finding:
     parameters : by name. also_fits : what cannot be told from it. when : where in time it matters, one clause.
     instead : the second best, if one explains a part. sentence : what a person would say. stands : what the name rests
     on. confidence : ``sure`` where place, law and size stand; ``one_of`` where it is this effect or one of
-    ``also_fits`` at its place; else what is open is in ``stands`` and ``also_fits``.
+    ``also_fits``; else what is open is in ``stands`` and ``also_fits``.
     """
 
     location: str

@@ -1,6 +1,6 @@
 """Places and effects as a person would write them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from dtbacklash.diagnosis.named import Alternative
 from dtbacklash.physics.effects.declare import name_in_words
@@ -38,9 +38,14 @@ def listed(names: list[str], conjunction: str = "and") -> str:
     return f" {conjunction} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def one_of_in_words(effect: str, others: Iterable[Alternative]) -> str:
-    """A finding's effect and the others of its place that also fit: ``delay, moving average or low pass``."""
-    return listed([effect_in_words(effect), *(effect_in_words(other.effect) for other in others)], "or")
+def one_of_in_words(key: tuple[str, str], others: Sequence[Alternative]) -> str:
+    """A finding, by its place and effect, and what also fits: ``delay, moving average or low pass``.
+
+    With places where these differ: ``delay at the amplifier or lag at the shaker``.
+    """
+    if all(other.location == key[0] for other in others):
+        return listed([effect_in_words(key[1]), *(effect_in_words(other.effect) for other in others)], "or")
+    return listed([named_in_words(key[1], key[0]), *map(other_in_words, others)], "or")
 
 
 def other_in_words(other: Alternative) -> str:

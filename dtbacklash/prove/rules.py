@@ -176,7 +176,7 @@ def sure(case: Case) -> set[int]:
 
 
 def certain(case: Case) -> set[int]:
-    """Indices of the findings to rely on: sure, or one of several at a sure place."""
+    """Indices of the findings to rely on: sure, or one of several."""
     return {j for j, f in enumerate(case.findings) if f.get("confidence") in CERTAIN}
 
 

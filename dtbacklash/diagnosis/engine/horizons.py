@@ -8,6 +8,7 @@ over its position has lost its phase long before.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -35,16 +36,26 @@ ORDER = 40
 #: differences are clipped at so many times their median, so that one stretch does not decide
 CLIPPED = 3.0
 
-#: view -> (STRETCHES,) sums of squares of whitened innovations
-Squares = dict[str, Floats]
 #: a fit: where it stands, its rows, and the gains of its predictors
 Fit = tuple[Floats, Floats, list[Gains]]
+
+
+@dataclass(frozen=True)
+class Squares:
+    """A model in the three views.
+
+    views : view -> (STRETCHES,) sums of squares of whitened innovations.
+    cost : all squares of the short view and what the priors cost, -2 log likelihood.
+    """
+
+    views: dict[str, Floats]
+    cost: float
 
 
 class Horizons:
     """Compares models with one that is judged.
 
-    reference : (view -> squares) of that model; None where its prediction does not stay finite. shares : of the tuned
+    reference : that model; None where its prediction does not stay finite. shares : of the tuned
     unknown forces, from one horizon to the next, as far as the judged model follows.
     """
 
@@ -63,11 +74,11 @@ class Horizons:
         fit = self._fitted(problem, problem.start(), 1.0, STEPS)
         if fit is None:
             return None
-        found = {SHORT: self._sums(fit[1])}
         far = lengthen(problem, fit)
         if far is None:
             return None
-        return found | {LONG: self._sums(far[1]), WHITE: self._sums(self._whitened_fit(problem, *far))}
+        rows = {SHORT: fit[1], LONG: far[1], WHITE: self._whitened_fit(problem, *far)}
+        return Squares({view: self._sums(one) for view, one in rows.items()}, float(fit[1] @ fit[1]))
 
     def _fitted(self, problem: Problem, x: Floats, share: float, steps: int) -> Fit | None:
         sizes: Sizes = self.bench.scaled(self.model.sizes, share)

@@ -1,5 +1,4 @@
-"""How sure a name is: what leads every rival in every view is, and what leads all but other laws of its place is one of
-these.
+"""How sure a name is: what leads every rival in every view is, and what a few others fit alike is one of these.
 
 A rival is the rig without the name, with each of the best other names or pairs in its place, and with a table over a
 state of its place, each fitted anew and compared at several horizons (:mod:`.horizons`). A name that loses to the rig
@@ -35,7 +34,8 @@ class Rival:
     keys : what stands there instead; none where nothing does. model : with it. lead : its score less that of the model
     with the name. t : view -> lead over it in standard errors. agree : share of the stretches, in all views.
     ratio : rms that it leaves at the long horizon, over that of the model. container : whether its law holds the
-    name's as a special case. beaten : whether the name leads it.
+    name's as a special case. beaten : whether the name leads it in every view.
+    ahead : whether it leads the name in one.
     """
 
     keys: tuple[Key, ...]
@@ -46,6 +46,7 @@ class Rival:
     ratio: float
     container: bool
     beaten: bool
+    ahead: bool = False
 
     @property
     def least(self) -> float:
@@ -84,9 +85,10 @@ class Judged:
 class Judge:
     """Judges the model at which a search has ended.
 
-    A name is ``sure`` if it leads every rival in every view, and ``one_of`` if those that it does not lead are other
-    laws of its place, or a table there; else ``partial``. All names are partial where most of what was unknown before
-    is left, and where a number of the rig does what a gain does, so that no size is known.
+    A name is ``sure`` if it leads every rival in every view, and ``one_of`` if those that it does not lead are laws or
+    tables of its place, or single laws of other places that fit alike; else ``partial``. All names are partial where
+    most of what was unknown before is left, and where a number of the rig does what a gain does, so that no size is
+    known.
     """
 
     def __init__(self, search: Search) -> None:
@@ -167,20 +169,24 @@ class Judge:
         """A model in the place of a name, compared; None where its law holds the name's and explains hardly more."""
         keys = tuple(k for k in m.keys if k not in less.keys)
         container = self._contains(keys, key)
-        gained, behind = less.score - self.model.score, m.score - self.model.score
-        if container and -behind < self.rules.alike * max(gained, 0.0):
+        gained, lead = less.score - self.model.score, m.score - self.model.score
+        if container and -lead < self.rules.alike * max(gained, 0.0):
             return None
         mine, other = self.horizons.reference, attempt(self.horizons.squares, m)
         if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
-            strays = mine is not None and behind > self.rules.worth * self.bench.count
+            strays = mine is not None and lead > self.rules.worth * self.bench.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
+            costs, falls = lead, dict.fromkeys(VIEWS, 0.0)
         else:
-            t = {view: paired_t(other[view], mine[view]) for view in VIEWS}
-            agree = float(np.mean([other[view] > mine[view] for view in VIEWS]))
-            ratio = float(np.sqrt(other[LONG].sum() / mine[LONG].sum()))
+            t = {view: paired_t(other.views[view], mine.views[view]) for view in VIEWS}
+            agree = float(np.mean([other.views[view] > mine.views[view] for view in VIEWS]))
+            ratio = float(np.sqrt(other.views[LONG].sum() / mine.views[LONG].sum()))
+            costs = other.cost - mine.cost
+            falls = {v: self.bench.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
         # what earns no name tells none from another, either
-        beaten = min(t.values()) > self.rules.lead and behind > self.search.least
-        return Rival(keys, m, behind, t, agree, ratio, container, beaten)
+        beaten = min(t.values()) > self.rules.lead and costs > self.search.least
+        ahead = any(t[view] < -self.rules.lead and falls[view] > self.search.least for view in VIEWS)
+        return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:
         """Whether another law at the place is a table, becomes it, or has more parameters: friction, filter, wave."""
@@ -194,9 +200,23 @@ class Judge:
         return other.is_table or becomes or (alike and other.counts > mine.counts)
 
 
+def confidence_set(rivals: Sequence[Rival]) -> list[Rival]:
+    """The rivals that a name does not lead: with it a model confidence set.
+
+    Hansen, Lunde and Nason, Econometrica 79 (2011) 453. Two names are no rival where one of them does it alone.
+    """
+    open_ = [rival for rival in rivals if not rival.beaten]
+    alone = {rival.keys[0] for rival in open_ if len(rival.keys) == 1}
+    return [rival for rival in open_ if len(rival.keys) < 2 or alone.isdisjoint(rival.keys)]
+
+
 def _certainty(key: Key, rivals: Sequence[Rival], doubted: bool) -> Confidence:
-    """How sure a name is by what it leads. doubted : whether another law of its place may be meant."""
-    unbeaten = [rival for rival in rivals if not rival.beaten]
-    if any(not rival.keys or any(place != key[0] for place, _ in rival.keys) for rival in unbeaten):
+    """How sure a name is by what it leads. doubted : whether another law of its place may be meant.
+
+    A law of another place that leads the name in one view shows that neither is right.
+    """
+    left = confidence_set(rivals)
+    elsewhere = [rival for rival in left if any(place != key[0] for place, _ in rival.keys)]
+    if any(not rival.keys for rival in left) or any(len(r.keys) > 1 or r.ahead for r in elsewhere):
         return "partial"
-    return "one_of" if unbeaten or doubted else "sure"
+    return "one_of" if left or doubted else "sure"

@@ -6,7 +6,7 @@ from dataclasses import replace
 from dtbacklash.diagnosis.conclusion import Conclusion, is_there
 from dtbacklash.diagnosis.engine.columns import Columns
 from dtbacklash.diagnosis.engine.free import Key, held, in_recording, unit_at, unit_of
-from dtbacklash.diagnosis.engine.judge import Rival
+from dtbacklash.diagnosis.engine.judge import Rival, confidence_set
 from dtbacklash.diagnosis.engine.values import NORMAL95
 from dtbacklash.diagnosis.named import (
     Alternative,
@@ -73,7 +73,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     mark, alike = c.certainty.get(key, "partial"), also_fits(c, key)
     said += entry.remark(values)
     if c.full:
-        said = said.removesuffix(".") + certainty_said(mark, grounds, name, alike, c.explains) + "."
+        said = said.removesuffix(".") + certainty_said(mark, grounds, key, alike, c.explains) + "."
     else:
         said = f"Likeliest, not tried against rivals: {said}"
     said += apart_said(c, key) + only_said(c, key) + ("" if is_there(c.model, c.values, key) else UNSIZED)
@@ -106,10 +106,10 @@ def _unseen(c: Conclusion, key: Key) -> set[str]:
 
 
 def also_fits(c: Conclusion, key: Key) -> tuple[Alternative, ...]:
-    """Every rival that is not beaten, a pair as its parts; a table that adds much; the law that does the same here."""
+    """The rivals that it does not lead, a pair as its parts; a table that adds much; the law that does the same."""
     judged, found = c.judged, dict[Key, Alternative]()
-    for rival in judged.rivals.get(key, ()):
-        for place, name in () if rival.beaten else rival.keys:
+    for rival in confidence_set(judged.rivals.get(key, ())):
+        for place, name in rival.keys:
             if (place, name) not in c.model.keys:
                 others = [(at, effect) for at, effect in rival.keys if (at, effect) != (place, name)]
                 beside = f"with {all_in_words(others)}" if others else ""

@@ -60,17 +60,15 @@ def less(instead: Instead | None) -> str:
             f"with {times} times the error; it is not needed in addition.")  # fmt: skip
 
 
-def certainty_said(
-    mark: Confidence, grounds: Stands, effect: str, others: Sequence[Alternative], explains: bool
-) -> str:
+def certainty_said(mark: Confidence, grounds: Stands, key: Key, others: Sequence[Alternative], explains: bool) -> str:
     """What of a name the recording leaves open, by the rivals that it does not lead; empty where it is sure.
 
-    others : laws that also fit. explains : whether most of what was unknown is explained.
+    key : of the name. others : laws that also fit. explains : whether most of what was unknown is explained.
     """
     if mark == "sure":
         return ""
     if mark == "one_of":
-        return f" ({one_of_in_words(effect, others)}: this recording cannot tell which)"
+        return f" ({one_of_in_words(key, others)}: this recording cannot tell which)"
     if not grounds.size.stands:
         return ". It may not be there: the rig without it predicts the recording as well"
     said = []

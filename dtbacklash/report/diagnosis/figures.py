@@ -27,7 +27,7 @@ USUAL, RARE = 0.998, 4.0  # what leaves this quantile of what is left by this fa
 
 
 #: a figure for a screen, and one for a phone: width and height, inch
-WIDE, NARROW = (7.4, 3.9), (4.0, 4.2)
+WIDE, NARROW = (7.4, 3.8), (4.0, 4.2)
 #: reversals that a figure of one look shows, samples at least
 TURNS, SAMPLES_MIN = 16, 60
 

@@ -127,7 +127,7 @@ def _sure(finding: Finding) -> str:
     if finding.confidence == "sure":
         return "sure"
     if finding.confidence == "one_of":
-        return f"sure as one of: {one_of_in_words(finding.effect, finding.also_fits)}"
+        return f"sure as one of: {one_of_in_words((finding.location, finding.effect), finding.also_fits)}"
     others = "; ".join(other_in_words(a) for a in finding.also_fits)
     if others:
         return f"open against {others}"
