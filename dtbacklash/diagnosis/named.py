@@ -151,7 +151,8 @@ class Changed:
     """A value that is not the same after as before: ``title`` (a parameter, or place.effect.size), in ``unit`` (SI).
 
     before, after : value and 95 % interval in the two recordings. confidence : ``sure`` where the two are apart and no
-    other change explains as much. also_fits : titles of those that do. sentence : the same in words.
+    other change explains as much, ``one_of`` where others fit alike. also_fits : titles of these.
+    sentence : the same in words.
     """
 
     title: str

@@ -7,7 +7,7 @@ from dtbacklash.diagnosis.engine.changes import Change
 from dtbacklash.diagnosis.engine.free import Key, unit_of
 from dtbacklash.diagnosis.engine.in_each import InOne, difference
 from dtbacklash.diagnosis.engine.values import NORMAL95
-from dtbacklash.diagnosis.named import Cause, Changed, Finding, ParameterEstimate
+from dtbacklash.diagnosis.named import Cause, Changed, Confidence, Finding, ParameterEstimate
 from dtbacklash.diagnosis.say.sentences import quantity
 
 SEEN, NOT_SEEN, CANNOT = "seen", "not seen", "cannot be seen here"
@@ -37,7 +37,9 @@ def _changed(c: Conclusion, change: Change, more: float, error: float) -> Change
     before, after = c.in_each[change.title]
     unit, lead = _unit(c, change.title), c.search.rules.lead
     others = tuple(title for title, (t, _) in change.rivals.items() if not t > lead)
-    sure = abs(more) > lead * error and not others and c.left < c.search.rules.left
+    clear = abs(more) > lead * error and c.left < c.search.rules.left
+    alike = all(t > -lead for t, _ in change.rivals.values())
+    mark: Confidence = "partial" if not clear or (others and not alike) else "one_of" if others else "sure"
     first, second = (
         ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))
         for e in (before, after)
@@ -46,8 +48,9 @@ def _changed(c: Conclusion, change: Change, more: float, error: float) -> Change
     none = before.there or after.there  # what is seen in one alone is nothing in the other
     was, now = (f"{_seen(e, change.title, unit, none)} in {c.named(e.recording)}" for e in (before, after))
     by = f"by {quantity(more, unit)} +/- {quantity(NORMAL95 * error, unit)}"
-    said = f"`{change.title}` changed from {was} to {now}, {by}{'' if sure or others else ', which is open'}."
-    return Changed(change.title, unit, first, second, "sure" if sure else "partial", others, said + instead)
+    by += ", which is open" if mark == "partial" and not others else ""
+    said = f"`{change.title}` changed from {was} to {now}, {by}."
+    return Changed(change.title, unit, first, second, mark, others, said + instead)
 
 
 def _seen(one: InOne, title: str, unit: str, none: bool) -> str:

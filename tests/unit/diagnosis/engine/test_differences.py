@@ -101,7 +101,9 @@ def test_what_changed_is_said_beside_what_the_rig_lacks_in_both(title, after):
     pair = [sprung(20, 1.2, 0.5), sprung(21, *after)]
     found = dtb.diagnose(pair, "oscillator", compare="change", trust_units=True)
     (change,) = found.diagnosis.changes
-    assert (change.title, change.confidence) == (title, "sure")
+    # of a mass on a spring to the ground both rub alike
+    also = () if title == "m" else ("spring.dry_friction.force",)
+    assert (change.title, change.confidence, change.also_fits) == (title, "one_of" if also else "sure", also)
     ends = (1.2, 1.26) if title == "m" else (0.5, 1.5)
     assert (change.before.value, change.after.value) == pytest.approx(ends, rel=0.03)
     assert found.summary.startswith(f"`{title}` changed from ")

@@ -9,7 +9,7 @@ from nominal import nominal_rig
 
 from dtbacklash.diagnosis.engine.free import Key
 from dtbacklash.diagnosis.engine.horizons import VIEWS
-from dtbacklash.diagnosis.engine.judge import Judge, Judged, Rival, _certainty
+from dtbacklash.diagnosis.engine.judge import Judge, Judged, Rival, _certainty, confidence_set
 from dtbacklash.diagnosis.engine.search import Search
 
 from .conftest import bench_of, command, recorded
@@ -47,7 +47,7 @@ def test_a_name_that_leads_every_rival_is_sure():
     assert all(p.gain < 0.01 * found.explains[COULOMB] for p in found.rest)
 
 
-def test_a_gain_that_another_sensors_gain_explains_as_well_is_not_sure():
+def test_a_gain_that_another_sensors_gain_explains_as_well_is_one_of_the_two():
     """Of a speed beside a position: which of the two is wrong, nothing tells but the priors, by next to nothing."""
     _, found = judged(GAIN, relative=0.05)
     assert found.model.keys == (GAIN,)
@@ -58,7 +58,7 @@ def test_a_gain_that_another_sensors_gain_explains_as_well_is_not_sure():
     assert abs(other.lead) < 20.0
     assert other.ratio == pytest.approx(1.0, abs=0.01)
     assert not other.beaten
-    assert found.certainty == {GAIN: "partial"}
+    assert found.certainty == {GAIN: "one_of"}
 
 
 @pytest.mark.parametrize(("rig", "laws", "law", "held"), [
@@ -81,17 +81,22 @@ def test_a_law_is_held_by_tables_of_its_place_and_by_what_has_it_as_a_special_ca
     assert judge._contains(tuple(tuple(one.split(".")) for one in laws), tuple(law.split("."))) == held
 
 
-def test_what_leads_all_but_laws_of_its_place_is_one_of_these():
-    def rival(beaten: bool, *keys: Key) -> Rival:
-        return Rival(keys, None, 0.0, dict.fromkeys(VIEWS, 1.0), 1.0, 1.0, False, beaten)
+def test_what_leads_all_but_laws_that_fit_alike_is_one_of_these():
+    def rival(beaten: bool, *keys: Key, ahead: bool = False) -> Rival:
+        return Rival(keys, None, 0.0, dict.fromkeys(VIEWS, 1.0), 1.0, 1.0, False, beaten, ahead)
 
     bare, other, away = rival(True), ("disk", "viscous_friction"), ("sensor_theta", "delay")
     assert _certainty(COULOMB, [bare, rival(True, other), rival(True, away)], False) == "sure"
     assert _certainty(COULOMB, [bare, rival(True, other)], True) == "one_of"
     assert _certainty(COULOMB, [bare, rival(False, other), rival(True, away)], False) == "one_of"
-    assert _certainty(COULOMB, [bare, rival(False, away)], False) == "partial"
+    assert _certainty(COULOMB, [bare, rival(False, away)], False) == "one_of"
+    assert _certainty(COULOMB, [bare, rival(False, other, ahead=True)], False) == "one_of"
+    assert _certainty(COULOMB, [bare, rival(False, away, ahead=True)], False) == "partial"  # neither is right
     assert _certainty(COULOMB, [bare, rival(False, other, away)], False) == "partial"
     assert _certainty(COULOMB, [rival(False), rival(True, other)], False) == "partial"
+    pair = rival(False, other, away)  # what one of the two does alone
+    assert confidence_set([bare, rival(False, away), pair]) == [rival(False, away)]
+    assert _certainty(COULOMB, [bare, rival(False, away), pair], False) == "one_of"
 
 
 def test_a_name_that_loses_to_the_rig_without_it_leaves():

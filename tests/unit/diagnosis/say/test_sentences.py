@@ -49,7 +49,13 @@ LATE = ("moving_average", "low_pass")
 def test_what_of_a_name_is_open_follows_from_what_it_does_not_lead(mark, grounds, others, explains, expected):
     where, law, size = map(Ground, grounds)
     also = [Alternative("sensor_q3", effect) for effect in others]
-    assert certainty_said(mark, Stands(where, law, size), "delay", also, explains) == expected
+    assert certainty_said(mark, Stands(where, law, size), ("sensor_q3", "delay"), also, explains) == expected
+
+
+def test_laws_that_fit_alike_at_other_places_are_said_with_their_places():
+    stands = Stands(Ground(False), Ground(True), Ground(True))
+    said = certainty_said("one_of", stands, ("amplifier", "delay"), [Alternative("shaker", "lag")], True)
+    assert said == " (delay at the amplifier or lag at the shaker: this recording cannot tell which)"
 
 
 LEFT = {"q3": Left(5e-5, "m", 0.021, 12.3)}
