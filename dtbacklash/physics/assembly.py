@@ -107,7 +107,7 @@ def compile_plant(
     (2002) 430), exact for the linear part and for inputs that are constant or linear in a step.
     """
     imposed = imposed or rig.only("positioner") is not None
-    parts = take_apart(rig, imposed)
+    parts = _parts(rig, imposed)
     circuit = None if imposed else rig.only("motor_circuit")
     first_aux = (1 if circuit else 0) + 2 * len(parts.bodies.names)
     entries = _entries(parts, circuit, first_aux)
@@ -152,7 +152,11 @@ def poles_of(plant: Plant) -> np.ndarray:
 
 def state_names(rig: Rig, imposed: bool = False) -> list[str]:
     """The bodies in the order in which the state holds them (positions, then velocities)."""
-    return take_apart(rig, imposed).bodies.names
+    return _parts(rig, imposed).bodies.names
+
+
+def _parts(rig: Rig, imposed: bool) -> Parts:
+    return rig.once(("parts", imposed), lambda: take_apart(rig, imposed))
 
 
 def _base_drive(rig: Rig) -> Element | None:
