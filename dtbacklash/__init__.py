@@ -18,12 +18,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dtbacklash.api.diagnose import Found, diagnose
+    from dtbacklash.api.experiments import design, isolability
+    from dtbacklash.api.recordings import plot_recording, read_recording
+    from dtbacklash.api.rigs import load_rig, save_rig
+    from dtbacklash.api.run import Run, run
     from dtbacklash.errors import Diverged, UserError
-    from dtbacklash.face.diagnose import Found, diagnose
-    from dtbacklash.face.experiments import design, isolability
-    from dtbacklash.face.recordings import plot_recording, read_recording
-    from dtbacklash.face.rigs import load_rig, save_rig
-    from dtbacklash.face.run import Run, run
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 

@@ -12,8 +12,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.experiment.result import RunResult
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.report.kit.style import INK, MUTED, SERIES, letter, new_figure, save, styled
+from dtbacklash.report.components.markdown import between, table
+from dtbacklash.report.components.style import INK, MUTED, SERIES, letter, new_figure, save, styled
 from studies.measure import Row
 
 PAGE, IMAGE = "bank.md", "images/aging.png"

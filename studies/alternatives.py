@@ -27,8 +27,8 @@ from scipy.signal import butter, cont2discrete, sosfiltfilt
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis import Record, diagnose_records, records_of
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import readings
-from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.resampling import readings
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
 from dtbacklash.files import write_json, write_text
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
@@ -307,8 +307,8 @@ END = "<!-- alternatives: end -->"
 
 def docs_block(document: dict[str, Any]) -> str:
     """What stands between the two lines in the docs, from the rows and the seeds of a run."""
-    from dtbacklash.report.kit.markdown import table
-    from dtbacklash.report.kit.numbers import number
+    from dtbacklash.report.components.markdown import table
+    from dtbacklash.report.components.numbers import number
 
     rows = document["rows"]
     heads = [

@@ -18,7 +18,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.components.markdown import between, table
 from studies.beliefs import END_DEG, LIFE_S, MACHINES, NOISE_PCT
 from studies.measure import Row
 

@@ -27,7 +27,7 @@ from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.components.markdown import between, table
 from dtbacklash.twin.bank.bank import Buffer, diagnose_buffers
 from studies.measure import Row
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dtbacklash.closing import COLUMNS, VARIANTS, compare, table
+from dtbacklash.closed_loop_check import COLUMNS, VARIANTS, compare, table
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs, settled
 from dtbacklash.diagnosis import Record, diagnose_records
@@ -25,8 +25,8 @@ from dtbacklash.files import json_able, write_json, write_text
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
-from dtbacklash.report.kit.markdown import between
-from dtbacklash.report.kit.markdown import table as markdown_table
+from dtbacklash.report.components.markdown import between
+from dtbacklash.report.components.markdown import table as markdown_table
 from studies.measure import Row
 
 #: of a recording, the first part is fitted to

@@ -16,8 +16,8 @@ import pandas as pd
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.report.kit.style import MARKERS, SERIES, letter, new_figure, save, styled
+from dtbacklash.report.components.markdown import between, table
+from dtbacklash.report.components.style import MARKERS, SERIES, letter, new_figure, save, styled
 from studies.measure import Row
 
 LIMIT_V = 12.0

@@ -23,13 +23,13 @@ from dtbacklash.files import write_text
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import rules
-from dtbacklash.prove.bench import Bench
 from dtbacklash.prove.conceal import nominal_rig, recording_table
 from dtbacklash.prove.draw import draw, record
 from dtbacklash.prove.oracle import look
 from dtbacklash.prove.secret import Secret
+from dtbacklash.prove.testbench import Bench
 from dtbacklash.recording.model import Recording
-from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.components.markdown import between, table
 from studies.measure import Row
 
 PAGE = "several_recordings.md"

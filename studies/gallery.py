@@ -23,8 +23,8 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.rules import SENSOR
 from dtbacklash.prove.secret import Secret
-from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.markdown import table
+from dtbacklash.report.components.intervals import interval
+from dtbacklash.report.components.markdown import table
 
 MADE = "<!-- Made by `python -m studies gallery docs`. Change the code, not this page. -->\n"
 PAGE, DATA, IMAGES = "gallery.md", "gallery", "images"

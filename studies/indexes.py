@@ -11,7 +11,7 @@ from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.components.markdown import between, table
 from studies.measure import Row
 
 PAGE = "theory.md"

@@ -21,8 +21,8 @@ from dtbacklash.control import laws
 from dtbacklash.experiment import run
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.report.kit.style import MARKERS, MUTED, SERIES, letter, new_figure, save, styled
+from dtbacklash.report.components.markdown import between, table
+from dtbacklash.report.components.style import MARKERS, MUTED, SERIES, letter, new_figure, save, styled
 from studies.measure import Row
 
 FORMS = ("bare", "measured", "inner_loop", "inverse")

@@ -22,9 +22,9 @@ from numpy.random import Generator, default_rng
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json, write_text
 from dtbacklash.physics.rig import Rig
-from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.markdown import table
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.components.intervals import interval
+from dtbacklash.report.components.markdown import table
+from dtbacklash.report.components.numbers import number
 
 PAGE, DATA = "real-recordings.md", "real"
 BEGIN = "<!-- diagnoses: begin, made by python -m studies real docs -->"
@@ -125,9 +125,9 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     common is not known here, so that it is rather too wide. smooth : as the diagnosis read the command.
     """
     from dtbacklash.diagnosis import records_of
-    from dtbacklash.diagnosis.engine.zeros import zeroed
+    from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
+    from dtbacklash.diagnosis.predictions import bench_of
     from dtbacklash.diagnosis.records import held_equivalent
-    from dtbacklash.diagnosis.seen import bench_of
     from dtbacklash.recording import read_recording
 
     records = records_of(read_recording(part, rig=rig), rig, True, False)

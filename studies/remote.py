@@ -29,7 +29,7 @@ from dtbacklash.files import write_text
 from dtbacklash.remote.belief import described, twin_of
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.protocol import Document
-from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.components.markdown import between, table
 from dtbacklash.twin.link.service import LocalTwin, Request
 from studies.measure import Row
 

@@ -16,17 +16,17 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.exact import Model, Problem
-from dtbacklash.diagnosis.engine.free import Key, with_priors
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import motion_of
-from dtbacklash.diagnosis.engine.readings import rate_of
-from dtbacklash.diagnosis.engine.search import LEAST
+from dtbacklash.diagnosis.engine.parameters import Key, with_priors
+from dtbacklash.diagnosis.engine.resampling import rate_of
+from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.experiments.design import Limits, designed
 from dtbacklash.diagnosis.experiments.rivalry import Rival, Rivalry
 from dtbacklash.diagnosis.planning import Observed
+from dtbacklash.diagnosis.predictions import bench_of
 from dtbacklash.diagnosis.records import Record
-from dtbacklash.diagnosis.seen import bench_of
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
@@ -121,7 +121,7 @@ def _recorded(rig: Rig, u: Floats, rng: np.random.Generator, number: int, lead_i
     return Record(STEP_S, u[cut:], y, whole, ~whole, recording=number)
 
 
-def _bench(nominal: Rig, records: list[Record]) -> Bench:
+def _bench(nominal: Rig, records: list[Record]) -> Segments:
     return bench_of(nominal, records, [rate_of(nominal, r.y, r.sample_time_s) for r in records])
 
 
@@ -130,23 +130,25 @@ def _asked(nominal: Rig, records: list[Record]) -> float:
     return max(SETTINGS.least * sum(r.samples * len(r.y) for r in records), LEAST)
 
 
-def _leads(nominal: Rig, records: list[Record], case: Case) -> tuple[float, tuple[Model, Key], tuple[Model, Key]]:
+def _leads(
+    nominal: Rig, records: list[Record], case: Case
+) -> tuple[float, tuple[FittedModel, Key], tuple[FittedModel, Key]]:
     """By how much the truth is likelier than the other, and both models."""
     bench = _bench(nominal, records)
     truth, other = ((_fitted(bench, nominal, law), law[:2]) for law in (case.truth, case.other))
     return other[0].score - truth[0].score, truth, other
 
 
-def _fitted(bench: Bench, nominal: Rig, law: Law) -> Model:
+def _fitted(bench: Segments, nominal: Rig, law: Law) -> FittedModel:
     rig = nominal.with_effect(*law)
     sizes, _ = bench.tuned(nominal)
     motion = motion_of(bench, nominal, bench.gains(nominal, sizes))
-    model = Problem(bench, rig, [law[:2]], motion, 1.0).ladder(sizes)
+    model = FitProblem(bench, rig, [law[:2]], motion, 1.0).ladder(sizes)
     assert model is not None
     return model
 
 
-def _designed(found: tuple[Model, Key], rival: tuple[Model, Key], first: Record) -> tuple[Floats, Floats]:
+def _designed(found: tuple[FittedModel, Key], rival: tuple[FittedModel, Key], first: Record) -> tuple[Floats, Floats]:
     """The command that tells both apart best, within the limits of the first recording, and a multisine as drawn."""
     model, key = found
     place = key[0]

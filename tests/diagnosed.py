@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.named import (
+from dtbacklash.diagnosis.findings import (
     Alternative,
     Calibration,
     Confidence,
@@ -16,8 +16,7 @@ from dtbacklash.diagnosis.named import (
     ParameterEstimate,
     Recalibrated,
 )
-from dtbacklash.diagnosis.result import Candidate, Check, Diagnosis, Limit, Located, Rest
-from dtbacklash.diagnosis.shown import (
+from dtbacklash.diagnosis.plot_data import (
     Curve,
     Explained,
     FitTable,
@@ -25,10 +24,11 @@ from dtbacklash.diagnosis.shown import (
     LawShown,
     Left,
     ModelErrors,
+    PlotData,
     RecordingUsed,
-    Shown,
     Work,
 )
+from dtbacklash.diagnosis.result import Candidate, Check, Diagnosis, Limit, Located, RemainingLaw
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.rig import Rig
@@ -60,7 +60,7 @@ def curves(truth: Rig, nominal: Rig, extended: Rig, u: np.ndarray, seed: int = 2
     )  # fmt: skip
 
 
-def made(verdict: str, summary: str, held_out: tuple, rigs: tuple[Rig, Rig], shown: Shown, **more) -> Diagnosis:
+def made(verdict: str, summary: str, held_out: tuple, rigs: tuple[Rig, Rig], shown: PlotData, **more) -> Diagnosis:
     """A diagnosis of the right form; held_out : errors of the three models. rigs : nominal and extended."""
     train = ModelErrors(*(value and 0.97 * value for value in held_out))
     fit = FitTable("nrmse", ("theta_m", "q3"), train, ModelErrors(*held_out), 0.00041)
@@ -147,7 +147,7 @@ def missing() -> Diagnosis:
         "gear", "backlash", "The gear has backlash of 0.349 rad to each side.",
         {"half_gap": (0.349, "rad", 0.3481, 0.3499)},
     )  # fmt: skip
-    shown = Shown({"motor_bearing": 0.627, "gear": 0.373}, curves(truth, nominal, truth, u), (friction_law(),))
+    shown = PlotData({"motor_bearing": 0.627, "gear": 0.373}, curves(truth, nominal, truth, u), (friction_law(),))
     return made(
         "missing_physics",
         "The motor bearing sticks and the gear has play. With both in the model, the error on held-out data "
@@ -189,7 +189,7 @@ def drifting() -> Diagnosis:
                    -20.3 * np.sign(speed) + np.random.default_rng(5).standard_normal(20), np.ones(20))  # fmt: skip
     return made(
         "missing_physics", "The carriage has dry and viscous friction and is pushed by a constant force.",
-        (11.3, 9.4, 0.0031), (nominal, truth), Shown({"carriage": 1.0}, curves(truth, nominal, truth, u), (law,)),
+        (11.3, 9.4, 0.0031), (nominal, truth), PlotData({"carriage": 1.0}, curves(truth, nominal, truth, u), (law,)),
         findings=findings, candidates=candidates([("carriage", f.effect) for f in findings]), source="emps",
     )  # fmt: skip
 
@@ -201,7 +201,7 @@ def parameters() -> Diagnosis:
     truth = nominal.with_parameters({"k": 9020.0})
     return made(
         "parameters", "The links are 10 % softer than stated. Nothing else is needed to explain the recording.",
-        (0.0113, 0.00041, 0.00041), (nominal, truth), Shown({}, curves(truth, nominal, truth, command(12.0, 3.0))),
+        (0.0113, 0.00041, 0.00041), (nominal, truth), PlotData({}, curves(truth, nominal, truth, command(12.0, 3.0))),
         recalibrated={"k": Recalibrated(10000.0, 9020.0, "N/m", (9018.7, 9021.2))},
         candidates=candidates([])[:3], source="soft.csv",
     )  # fmt: skip
@@ -213,7 +213,7 @@ def consistent() -> Diagnosis:
     nominal = nominal_rig("lead_screw")
     return made(
         "consistent", "What the nominal model leaves unexplained is the sensors' noise.", (0.00041, None, None),
-        (nominal, nominal), Shown({}, curves(nominal, nominal, nominal, command(12.0, 3.0))),
+        (nominal, nominal), PlotData({}, curves(nominal, nominal, nominal, command(12.0, 3.0))),
         candidates=candidates([])[5:], source="good.csv",
     )  # fmt: skip
 
@@ -228,8 +228,8 @@ def unexplained() -> Diagnosis:
     return made(
         "unexplained", "The mismatch is real, 40 times the noise, and sits at the motor bearing. No effect of the "
         "catalogue was found that explains it.", (0.043, 0.041, 0.041), (nominal, nominal),
-        Shown({"motor_bearing": 1.0}, curves(truth, nominal, nominal, command(12.0, 3.0)), (law,)),
-        located=Located("motor", "motor_bearing", 0.93, Rest("speed", "rad/s", "N m", 0.4, points)),
+        PlotData({"motor_bearing": 1.0}, curves(truth, nominal, nominal, command(12.0, 3.0)), (law,)),
+        located=Located("motor", "motor_bearing", 0.93, RemainingLaw("speed", "rad/s", "N m", 0.4, points)),
         candidates=candidates([]), next_experiment="Turn the motor slowly and evenly in both directions.",
         source="odd.csv",
     )  # fmt: skip

@@ -16,11 +16,11 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from dtbacklash.api.run_files import simulate, write
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.config.twin import StatusConfig
 from dtbacklash.experiment.result import RunResult
-from dtbacklash.face.run_files import simulate, write
 from dtbacklash.remote.belief import twin_of
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import Key, load_credentials

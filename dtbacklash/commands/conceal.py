@@ -16,7 +16,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.files import forget_empty, json_text, note_missing, run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.face.progress import Tell
+    from dtbacklash.api.progress import Tell
 
 MARK = "concealed.json"
 FIGURES = ("recordings",)
@@ -36,7 +36,7 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
 
     Raises UserError: a folder with something in it, a choice that cannot be, a key that cannot be used.
     """
-    from dtbacklash.face import rigs
+    from dtbacklash.api import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.physics.rig_file import rig_yaml
     from dtbacklash.prove.conceal import conceal

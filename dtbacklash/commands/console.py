@@ -24,7 +24,7 @@ def stdout_console() -> Console:
 
 def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame, folder: Path) -> None:
     """Print the moves, the estimates, what sums them up, what helps if it does not settle, and where the report is."""
-    from dtbacklash.report.kit import tables
+    from dtbacklash.report.components import tables
     from dtbacklash.report.run.text import lines
 
     console = stdout_console()
@@ -39,7 +39,7 @@ def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFr
 def print_beliefs(found: str, table: pd.DataFrame, folder: Path) -> None:
     """Print what was found, the loop with each belief, and where the report is."""
     from dtbacklash.report.closing.page import beliefs_table
-    from dtbacklash.report.kit import tables
+    from dtbacklash.report.components import tables
 
     console = stdout_console()
     console.print(Text(found), soft_wrap=True)

@@ -14,9 +14,9 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
+    from dtbacklash.api.progress import Tell
     from dtbacklash.diagnosis.experiments.design import Design
     from dtbacklash.diagnosis.experiments.rivalry import Rivalry
-    from dtbacklash.face.progress import Tell
 
 MARK = "design.json"
 ENTRIES = frozenset({MARK, "command.csv", "figures", "report.html"})
@@ -27,7 +27,7 @@ def do(
     config: DesignConfig, folder: Path, command: str, tell: Tell | None
 ) -> tuple[tuple[Design, Rivalry], dict[str, Any]]:
     """Look for the command, and write the folder, complete or not at all."""
-    from dtbacklash.face.experiments import experiment
+    from dtbacklash.api.experiments import experiment
 
     with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
         found, rivalry = experiment(config, (os.cpu_count() if tell else None) or 1, tell)
@@ -40,8 +40,8 @@ def do(
 def show(made: tuple[Design, Rivalry], config: DesignConfig, folder: Path) -> int:
     """Print how far apart the models would be, and what uses the command; returns the exit code."""
     from dtbacklash.commands.console import shown_path
+    from dtbacklash.report.components import tables
     from dtbacklash.report.experiments import design as report
-    from dtbacklash.report.kit import tables
 
     found, rivalry = made
     tables.show(tables.of(report.rivals_table(found, rivalry)), "", *report.sentences(found, rivalry))

@@ -23,9 +23,9 @@ from dtbacklash.files import run_folder
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dtbacklash.api.progress import Tell
     from dtbacklash.diagnosis import Diagnosis
-    from dtbacklash.diagnosis.so_far import Depth
-    from dtbacklash.face.progress import Tell
+    from dtbacklash.diagnosis.preliminary import Depth
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 
@@ -42,8 +42,8 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
     A job of a sweep, which nobody watches, works on one thread unless ``jobs`` says otherwise.
     """
-    from dtbacklash.diagnosis.so_far import DRAWING, READING, Stages
-    from dtbacklash.face.durations import timed
+    from dtbacklash.api.durations import timed
+    from dtbacklash.diagnosis.preliminary import DRAWING, READING, Stages
     from dtbacklash.physics.rig import build_rig
 
     jobs = config.jobs or (os.cpu_count() if tell else None) or 1
@@ -146,7 +146,7 @@ def read(
 
 
 def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Sequence[str]:
-    from dtbacklash.diagnosis.say.sentences import notes_of
+    from dtbacklash.diagnosis.explain.sentences import notes_of
     from dtbacklash.diagnosis.settings import SETTINGS
 
     if isinstance(train, list) or isinstance(held_out, (list, int)):
@@ -155,7 +155,7 @@ def _notes(train: Recording | list[Recording], held_out: Recording | list[Record
 
 
 def _untold(train: Recording | list[Recording], rig: Rig) -> tuple[str, ...]:
-    from dtbacklash.diagnosis.say.beforehand import beforehand
+    from dtbacklash.diagnosis.explain.observability_notes import beforehand
 
     first = train[0] if isinstance(train, list) else train
     return beforehand(rig, first.channels)
@@ -212,9 +212,9 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path | None) -> i
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.physics.rig_file import rig_yaml
+    from dtbacklash.report.components import tables
     from dtbacklash.report.diagnosis.text import lines
     from dtbacklash.report.diagnosis.words import design_command, next_command
-    from dtbacklash.report.kit import tables
 
     console = stdout_console()
     tables.show(*lines(diagnosis), "")

@@ -35,7 +35,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def _rig(name: str) -> Rig:
-    from dtbacklash.face.rigs import load_rig
+    from dtbacklash.api.rigs import load_rig
 
     return load_rig(name)
 
@@ -43,7 +43,7 @@ def _rig(name: str) -> Rig:
 def _places(rig: Rig | None) -> dict[str, list[str]]:
     """The kinds at which something acts, each with its places on the rig; without a rig all kinds, without places."""
     from dtbacklash.physics.catalogue import CATALOGUE
-    from dtbacklash.physics.kinds import SENSOR
+    from dtbacklash.physics.element_kinds import SENSOR
     from dtbacklash.physics.rig import SENSOR_PREFIX
 
     kinds = list(dict.fromkeys(kind for kind, _ in CATALOGUE))
@@ -80,7 +80,7 @@ def _all(rig: Rig | None) -> list[str]:
 
 def _packaged(width: int) -> list[str]:
     """The laws of the package that a rig has to ask for."""
-    from dtbacklash.physics.own_laws import ACTS_ON, LAW, MEMORY, SHIPPED, folder_declarations
+    from dtbacklash.physics.user_laws import ACTS_ON, LAW, MEMORY, SHIPPED, folder_declarations
 
     lines = ["", "of the package, where a rig asks for it (rig.laws.NAME=packaged):"]
     for name, said in folder_declarations(SHIPPED):
@@ -92,7 +92,7 @@ def _packaged(width: int) -> list[str]:
 
 def _one(name: str, rig: Rig | None) -> list[str]:
     from dtbacklash.physics.catalogue import CATALOGUE
-    from dtbacklash.physics.own_laws import SHIPPED, folder_declarations
+    from dtbacklash.physics.user_laws import SHIPPED, folder_declarations
 
     places = _places(rig)
     found = [effect for (kind, other), effect in CATALOGUE.items() if other == name and kind in places]

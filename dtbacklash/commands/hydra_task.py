@@ -75,8 +75,8 @@ def task(config: DictConfig) -> int | Exception | None:
 
 def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]) -> int:
     """Do what was asked for, show it, return the exit code."""
+    from dtbacklash.api.progress import progress
     from dtbacklash.campaign.application import find
-    from dtbacklash.face.progress import progress
 
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
@@ -97,7 +97,7 @@ def report(outcome: Outcome) -> int:
 
     from dtbacklash.campaign.sweep import TABLE
     from dtbacklash.commands.console import shown_path, stdout_console
-    from dtbacklash.report.kit import tables
+    from dtbacklash.report.components import tables
     from dtbacklash.report.sweep.page import terminal
 
     table, axes = outcome.table, outcome.axes

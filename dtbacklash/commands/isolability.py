@@ -13,8 +13,8 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
+    from dtbacklash.api.progress import Tell
     from dtbacklash.diagnosis.experiments.isolability import Isolability
-    from dtbacklash.face.progress import Tell
 
 MARK = "isolability.json"
 ENTRIES = frozenset({MARK, "effects.csv", "matrix.csv", "figures", "report.html"})
@@ -23,7 +23,7 @@ FIGURES = ("effects", "confused", "hidden")
 
 def do(config: IsolabilityConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Isolability, dict[str, Any]]:
     """Simulate, compare, and write the folder, complete or not at all."""
-    from dtbacklash.face.experiments import isolable
+    from dtbacklash.api.experiments import isolable
 
     with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
         found = isolable(config, (os.cpu_count() if tell else None) or 1, tell)
@@ -40,8 +40,8 @@ def do(config: IsolabilityConfig, folder: Path, command: str, tell: Tell | None)
 def show(found: Isolability, config: IsolabilityConfig, folder: Path) -> int:
     """Print sizes, what would be confused, and where the page is; returns the exit code."""
     from dtbacklash.commands.console import shown_path
+    from dtbacklash.report.components import tables
     from dtbacklash.report.experiments import isolability as report
-    from dtbacklash.report.kit import tables
 
     tables.show(tables.of(report.effects_table(found)), "", report.lead(found), "", *report.sentences(found))
     if not (config.sensors.noise or config.sensors.resolution):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.campaign.application import Application
 from dtbacklash.config.commands import PaperConfig
 from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.files import read_json, run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.face.progress import Tell
+    from dtbacklash.api.progress import Tell
 
 MARK = "claims.csv"
 ENTRIES = frozenset({MARK, "figures", "report.html", "summary.json"})
@@ -38,7 +38,7 @@ def show(passed: bool, config: PaperConfig, folder: Path) -> int:
 
 def fingerprint(config: PaperConfig) -> str:
     """The paper's experiments depend on the code alone."""
-    return sources.digest()
+    return source_hash.digest()
 
 
 APPLICATION = Application("paper", fingerprint, do, show, MARK, FIGURES, "paper")

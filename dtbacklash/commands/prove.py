@@ -113,7 +113,7 @@ def _workers(config: ProveConfig) -> Workers:
 
 
 def _plan(config: ProveConfig, out: Path) -> Plan:
-    from dtbacklash.face import rigs
+    from dtbacklash.api import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.prove.quick import quick_seeds
     from dtbacklash.prove.run import Plan
@@ -160,7 +160,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
 
     Raises UserError: the folder holds the proof of another rig.
     """
-    from dtbacklash.face import rigs
+    from dtbacklash.api import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.physics.rig_file import rig_yaml
 
@@ -192,7 +192,7 @@ def show(proved: tuple[Plan, Score], config: ProveConfig, folder: Path) -> int:
     from rich.markup import escape
 
     from dtbacklash.commands.console import shown_path, stdout_console
-    from dtbacklash.report.kit import tables
+    from dtbacklash.report.components import tables
     from dtbacklash.report.proof.text import shares_table, terminal
 
     plan, score = proved

@@ -34,12 +34,12 @@ def check(words: Sequence[str]) -> list[str]:
 
     The figure is ``NAME_recording.png`` in the folder, or here.
     """
+    from dtbacklash.api.recordings import plot_recording
+    from dtbacklash.api.rigs import load_rig
     from dtbacklash.commands.console import shown_path
-    from dtbacklash.face.recordings import plot_recording
-    from dtbacklash.face.rigs import load_rig
     from dtbacklash.files import write_bytes
     from dtbacklash.recording import mapping_of, read_recording
-    from dtbacklash.report.kit.style import png
+    from dtbacklash.report.components.style import png
 
     settings = dict(word.split("=", 1) for word in words if "=" in word)
     names = [word for word in words if "=" not in word]
@@ -105,8 +105,8 @@ def _files_lines(mapping: Mapping) -> Iterator[str]:
 
 
 def _fetch(name: str, only: str | None) -> None:
+    from dtbacklash.api.progress import progress
     from dtbacklash.commands.console import shown_path
-    from dtbacklash.face.progress import progress
     from dtbacklash.recording.fetch import fetch
     from dtbacklash.recording.mapping import load_mapping, mapping_names
 

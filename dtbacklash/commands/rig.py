@@ -82,8 +82,8 @@ def check(words: Sequence[str]) -> list[str]:
         raise UserError("argument", "(missing)", "write dtb rig check FILE.yaml")
     if len(out) > 1:
         raise UserError("out", out[1].removeprefix("out="), "is given twice")
-    from dtbacklash.diagnosis.say.beforehand import beforehand
-    from dtbacklash.face.rigs import load_rig
+    from dtbacklash.api.rigs import load_rig
+    from dtbacklash.diagnosis.explain.observability_notes import beforehand
     from dtbacklash.report.diagnosis.rig_drawing import chain
 
     rig = load_rig(words[0], *words[1:])
@@ -117,7 +117,7 @@ def check(words: Sequence[str]) -> list[str]:
 
 def doubts(rig: Rig) -> list[str]:
     """What is allowed and hardly meant: elements that nothing reaches, tolerances that leave nothing known."""
-    from dtbacklash.physics.kinds import GROUND
+    from dtbacklash.physics.element_kinds import GROUND
     from dtbacklash.report.diagnosis.rig_drawing import edges
 
     near: dict[str, set[str]] = {name: set() for name in rig.elements}
@@ -148,8 +148,8 @@ def _drawn(rig: Rig, name: str, folder: str) -> str:
     """Draw a rig into a folder; the path of the PNG as it is to be shown."""
     from dtbacklash.commands.console import shown_path
     from dtbacklash.files import write_bytes
+    from dtbacklash.report.components.style import png
     from dtbacklash.report.diagnosis.rig_drawing import draw_rig
-    from dtbacklash.report.kit.style import png
 
     if not folder:
         raise UserError("out", "(empty)", "give a folder")
@@ -182,7 +182,7 @@ def modes(rig: Rig) -> list[str]:
 def _with_gravity(rig: Rig, plain: Rig) -> tuple[Rig, list[str]]:
     """The rig without its effects, but with what gravity is to a mass that hangs: a spring; and that in words."""
     from dtbacklash.physics.effects.body import GRAVITY, lowest
-    from dtbacklash.physics.kinds import GROUND
+    from dtbacklash.physics.element_kinds import GROUND
     from dtbacklash.physics.rig import build_rig
 
     config, said = plain.config, []

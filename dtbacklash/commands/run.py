@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash import files
+from dtbacklash.api.run_files import simulate_and_write
 from dtbacklash.campaign.application import Application
 from dtbacklash.config.grammar import SWEEP_FOLDER
 from dtbacklash.config.load import fingerprint
 from dtbacklash.config.run import RunConfig
-from dtbacklash.face.run_files import simulate_and_write
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dtbacklash.face.progress import Tell
+    from dtbacklash.api.progress import Tell
 
 FIGURES = ("overshoot_pct_max", "settling_time_s_max", "peak_voltage_v", "n_estimations", "n_accepted")
 
@@ -24,7 +24,7 @@ FIGURES = ("overshoot_pct_max", "settling_time_s_max", "peak_voltage_v", "n_esti
 def do(config: RunConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
     """Simulate, or close the loop, and write the folder; gives a ``RunResult`` or a ``Closed``."""
     if config.task == "close_the_loop":
-        from dtbacklash.face.run_files import close_and_write, closed_summary
+        from dtbacklash.api.run_files import close_and_write, closed_summary
 
         told = None if tell is None else lambda text, share: tell(share, text)
         closed = close_and_write(config, folder, command, told)

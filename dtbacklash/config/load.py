@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.config.grammar import Grammar, grammar_of, unknown_key
 from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
@@ -77,7 +77,7 @@ def plain(config: object) -> dict[str, Any]:
 def fingerprint(config: RunConfig) -> str:
     """Return a hash of all that decides the result: settings, content of input files, the code."""
     settled = plain(config)
-    settled["code"] = sources.digest()
+    settled["code"] = source_hash.digest()
     del settled["recording"]
     for section in ("profile", "reference"):
         path = settled[section].pop("path")
@@ -93,5 +93,5 @@ def settings_hash(config: object, files: Iterable[str | None] = ()) -> str:
     """A hash of settings, of the content of ``files`` (those that there are), and of the code."""
     contents = [Path(file).read_bytes() for file in files if file is not None and Path(file).is_file()]
     hashes = [hashlib.sha256(content).hexdigest() for content in contents]
-    text = json.dumps([plain(config), hashes, sources.digest()], sort_keys=True)
+    text = json.dumps([plain(config), hashes, source_hash.digest()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,7 +1,7 @@
 """The schema of a rig: named parameters, named elements, the effects that act on them, and the sensors.
 
 A rig is described by one YAML file (``conf/rig/*.yaml`` or a file of the user's). This module checks its
-form; what an element needs and which effects it takes stand in :mod:`dtbacklash.physics.kinds` and
+form; what an element needs and which effects it takes stand in :mod:`dtbacklash.physics.element_kinds` and
 :mod:`dtbacklash.physics.catalogue`, and :mod:`dtbacklash.physics.rig` checks the content.
 """
 

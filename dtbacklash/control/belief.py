@@ -28,12 +28,12 @@ from dtbacklash.control.own_law import read_law
 from dtbacklash.control.predictive import mpc_law
 from dtbacklash.control.rivals import lqg_law, pid_law, robust_law
 from dtbacklash.errors import UserError
-from dtbacklash.kept import kept
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.kinds import SENSOR
+from dtbacklash.physics.element_kinds import SENSOR
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
+from dtbacklash.result_cache import kept
 
 #: where the reference is held: for how long the gap in force goes on growing, s, and by how many of its standard errors
 #: an estimate is put in force too small (``python -m studies crossing``)

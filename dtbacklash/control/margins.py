@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.chain import motor_ss, structure_ss
 from dtbacklash.control.design import ControllerDesign, SampledModel, sampled
-from dtbacklash.kept import kept
+from dtbacklash.result_cache import kept
 
 if TYPE_CHECKING:
     from dtbacklash.control.belief import Belief, Linear

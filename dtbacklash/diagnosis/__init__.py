@@ -3,18 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from dtbacklash.diagnosis.owned import Given, Own, with_own
+from dtbacklash.diagnosis.explain.accepted_error import Enough, read_enough
+from dtbacklash.diagnosis.explain.error_names import names_the_recording
+from dtbacklash.diagnosis.explain.observability_notes import beforehand
+from dtbacklash.diagnosis.explain.sentences import notes_of, notes_of_several, units_of
+from dtbacklash.diagnosis.explain.warnings import doubted, said_first
+from dtbacklash.diagnosis.per_recording_parameters import Given, Own, with_own
 from dtbacklash.diagnosis.pipeline import FULL, diagnose_records
+from dtbacklash.diagnosis.preliminary import Depth
 from dtbacklash.diagnosis.records import Record, check_parts, long_enough, records_of, while_it_moves
 from dtbacklash.diagnosis.result import Diagnosis
-from dtbacklash.diagnosis.say.beforehand import beforehand
-from dtbacklash.diagnosis.say.doubts import doubted, said_first
-from dtbacklash.diagnosis.say.enough import Enough, read_enough
-from dtbacklash.diagnosis.say.error_names import names_the_recording
-from dtbacklash.diagnosis.say.sentences import notes_of, notes_of_several, units_of
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.diagnosis.several import ENDS, Several, source_of
-from dtbacklash.diagnosis.so_far import Depth
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording

@@ -6,16 +6,16 @@ from functools import cached_property
 
 import numpy as np
 
-from dtbacklash.diagnosis.engine.changes import Change
-from dtbacklash.diagnosis.engine.exact import Model, as_given, as_it_stands
-from dtbacklash.diagnosis.engine.free import Free, Key, standing, tolerances_away
-from dtbacklash.diagnosis.engine.in_each import InOne, stands
-from dtbacklash.diagnosis.engine.judge import Judged
-from dtbacklash.diagnosis.engine.search import Search
-from dtbacklash.diagnosis.engine.values import NORMAL95, Values
-from dtbacklash.diagnosis.named import Confidence, Modelled
+from dtbacklash.diagnosis.engine.change_detection import Change
+from dtbacklash.diagnosis.engine.confidence import JudgedModel
+from dtbacklash.diagnosis.engine.fit import FittedModel, as_given, as_it_stands
+from dtbacklash.diagnosis.engine.intervals import NORMAL95, Values
+from dtbacklash.diagnosis.engine.parameters import FreeParameter, Key, standing, tolerances_away
+from dtbacklash.diagnosis.engine.per_recording import RecordingValue, stands
+from dtbacklash.diagnosis.engine.selection import StepwiseSelection
+from dtbacklash.diagnosis.findings import Confidence, Modelled
+from dtbacklash.diagnosis.predictions import Predictions
 from dtbacklash.diagnosis.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
-from dtbacklash.diagnosis.seen import Seen
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -34,31 +34,31 @@ class Conclusion:
     between two recordings, where that was asked.
     """
 
-    search: Search
-    judged: Judged
-    away: Sequence[Free]
+    search: StepwiseSelection
+    judged: JudgedModel
+    away: Sequence[FreeParameter]
     values: Values
-    seen: Seen
+    seen: Predictions
     modelled: Modelled | None
-    with_table: Model | None
+    with_table: FittedModel | None
     course: str
     full: bool
-    in_each: Mapping[str, tuple[InOne, ...]] = field(default_factory=dict)
+    in_each: Mapping[str, tuple[RecordingValue, ...]] = field(default_factory=dict)
     left_out: tuple[Mapping[int, Rig], Mapping[int, Rig]] = ({}, {})
     predicted: Mapping[Key, tuple[float, ...]] = field(default_factory=dict)
     changes: tuple[Change, ...] | None = None
 
     @property
-    def model(self) -> Model:
+    def model(self) -> FittedModel:
         """The extended rig: recalibrated, with the names."""
         return self.judged.model
 
     @property
-    def last(self) -> Model:
+    def last(self) -> FittedModel:
         """The same with what is modelled by no name."""
         return self.with_table or self.model
 
-    def unknown(self, model: Model) -> dict[str, float]:
+    def unknown(self, model: FittedModel) -> dict[str, float]:
         """Body -> unknown force, a share of what acts there."""
         return self.search.bench.unknown(model.sizes)
 
@@ -158,7 +158,7 @@ class Conclusion:
         return PARAMETERS if self.moved else CONSISTENT
 
 
-def had_to_move(search: Search, model: Model, values: Values) -> list[Free]:
+def had_to_move(search: StepwiseSelection, model: FittedModel, values: Values) -> list[FreeParameter]:
     """The known parameters that had to move beside a model's names, against the same names on the rig as it was given.
 
     The names are there in both: a friction that is missing moves a stiffness, and may hide that it had to move.
@@ -174,7 +174,7 @@ def had_to_move(search: Search, model: Model, values: Values) -> list[Free]:
     return [] if given.loss - last.loss < max(search.least, asked) else away
 
 
-def is_there(model: Model, values: Values, key: Key) -> bool:
+def is_there(model: FittedModel, values: Values, key: Key) -> bool:
     """Whether the size of a name is not nothing within its interval; tables have none."""
     entry = find(model.rig.kind_at(key[0]), key[1], key[0])
     if entry.is_table:

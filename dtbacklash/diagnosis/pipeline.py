@@ -8,35 +8,31 @@ from threadpoolctl import threadpool_limits
 
 from dtbacklash.campaign.progress import SO_FAR
 from dtbacklash.diagnosis.conclusion import Conclusion, had_to_move, is_there
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.changes import Change, grow
-from dtbacklash.diagnosis.engine.changes import judged as judged_changes
-from dtbacklash.diagnosis.engine.exact import Model, Problem, without_name
-from dtbacklash.diagnosis.engine.factors import Off, begin
-from dtbacklash.diagnosis.engine.formulas import modelled
-from dtbacklash.diagnosis.engine.free import with_errors, with_priors
-from dtbacklash.diagnosis.engine.in_each import in_each
-from dtbacklash.diagnosis.engine.judge import Judge, Judged
+from dtbacklash.diagnosis.engine.change_detection import Change, grow
+from dtbacklash.diagnosis.engine.change_detection import judged as judged_changes
+from dtbacklash.diagnosis.engine.confidence import ConfidenceTest, JudgedModel
+from dtbacklash.diagnosis.engine.cross_validation import left_out, predicted
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, without_name
+from dtbacklash.diagnosis.engine.formula_fit import modelled
+from dtbacklash.diagnosis.engine.intervals import Values, polished
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
-from dtbacklash.diagnosis.engine.readings import rate_of
-from dtbacklash.diagnosis.engine.search import MOST, Search
-from dtbacklash.diagnosis.engine.turns import left_out, predicted
-from dtbacklash.diagnosis.engine.values import Values, polished
-from dtbacklash.diagnosis.engine.zeros import zeroed
-from dtbacklash.diagnosis.inspect.fault import faulty, mended, not_finite, undriven
-from dtbacklash.diagnosis.inspect.inspection import inspect
-from dtbacklash.diagnosis.records import SMOOTH, STEPPED, Record, ways_to_read
-from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
-from dtbacklash.diagnosis.say.calibration import calibration
-from dtbacklash.diagnosis.say.checks import USUAL, all_checks
-from dtbacklash.diagnosis.say.differences import changes, changes_said, differences_said
-from dtbacklash.diagnosis.say.drawn import shown
-from dtbacklash.diagnosis.say.enough import Enough
-from dtbacklash.diagnosis.say.errors import ErrorTables
-from dtbacklash.diagnosis.say.findings import candidates, findings, limits, located, recalibrated
-from dtbacklash.diagnosis.say.next_experiment import next_experiment
-from dtbacklash.diagnosis.say.observed import observed
-from dtbacklash.diagnosis.say.sentences import (
+from dtbacklash.diagnosis.engine.parameters import with_errors, with_priors
+from dtbacklash.diagnosis.engine.per_recording import in_each
+from dtbacklash.diagnosis.engine.resampling import rate_of
+from dtbacklash.diagnosis.engine.scale_errors import ScaleError, begin
+from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.diagnosis.engine.selection import MOST, StepwiseSelection
+from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
+from dtbacklash.diagnosis.explain.accepted_error import Enough
+from dtbacklash.diagnosis.explain.calibration import calibration
+from dtbacklash.diagnosis.explain.checks import USUAL, all_checks
+from dtbacklash.diagnosis.explain.differences import changes, changes_said, differences_said
+from dtbacklash.diagnosis.explain.errors import ErrorTables
+from dtbacklash.diagnosis.explain.findings import candidates, findings, limits, located, recalibrated
+from dtbacklash.diagnosis.explain.next_experiment import next_experiment
+from dtbacklash.diagnosis.explain.observed import observed
+from dtbacklash.diagnosis.explain.plot_series import shown
+from dtbacklash.diagnosis.explain.sentences import (
     explained_said,
     modelled_said,
     summary,
@@ -44,11 +40,15 @@ from dtbacklash.diagnosis.say.sentences import (
     unknown_said,
     zeros_said,
 )
-from dtbacklash.diagnosis.say.suspects import suspects, suspects_said
-from dtbacklash.diagnosis.seen import Seen, bench_of
-from dtbacklash.diagnosis.shown import Work
-from dtbacklash.diagnosis.so_far import Depth, Stages, known
-from dtbacklash.diagnosis.spread import on_cores
+from dtbacklash.diagnosis.explain.suspected_parameters import suspects, suspects_said
+from dtbacklash.diagnosis.inspect.fault import faulty, mended, not_finite, undriven
+from dtbacklash.diagnosis.inspect.inspection import inspect
+from dtbacklash.diagnosis.parallel import on_cores
+from dtbacklash.diagnosis.plot_data import Work
+from dtbacklash.diagnosis.predictions import Predictions, bench_of
+from dtbacklash.diagnosis.preliminary import Depth, Stages, known
+from dtbacklash.diagnosis.records import SMOOTH, STEPPED, Record, ways_to_read
+from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
@@ -137,8 +137,8 @@ class _Course:
             rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
         ]
         self.step, self._stages, self._ending = "", Stages(self.depth), ""
-        self.search: Search | None = None
-        self.begin: Off | None = None
+        self.search: StepwiseSelection | None = None
+        self.begin: ScaleError | None = None
         self.course = ""
 
     def tell(self, step: str, counted: float) -> None:
@@ -163,7 +163,7 @@ class _Course:
                 raise KeyboardInterrupt(UNKNOWN) from None
             return self._until_now(self.search)
 
-    def _until_now(self, search: Search) -> Diagnosis:
+    def _until_now(self, search: StepwiseSelection) -> Diagnosis:
         """What a search has found until it was stopped; a second interruption ends this as well."""
         step, self.changes, self._ending = self.step, None, ENDING  # what changed has not been judged
         self.tell("judging what is known", 0.9)
@@ -175,7 +175,7 @@ class _Course:
         summarised = f"Stopped early ({step}): {STOPPED} Known then: {known(search)}. {said}"
         return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
 
-    def _searched(self) -> Search:
+    def _searched(self) -> StepwiseSelection:
         """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
@@ -206,13 +206,13 @@ class _Course:
                 self.search = search
         return search
 
-    def _clears(self, records: list[Record], held: Search) -> bool:
+    def _clears(self, records: list[Record], held: StepwiseSelection) -> bool:
         """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
         bench = replace(self._bench(records, self.every), nominal=held.bench.nominal)
         left = bench.most_unknown(bench.tuned(held.now.rig)[0])
         return left < held.rules.clears * held.unknown(held.now)
 
-    def _likelier(self, records: list[Record], search: Search) -> bool:
+    def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
         bench, now = replace(self._bench(records, self.every), nominal=search.bench.nominal), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
@@ -222,19 +222,21 @@ class _Course:
         fewer = any(m is not None and m.score < now.score for m in fitted)  # with a name less it has nothing to earn
         return fewer or bool(alike < now.score - search.least)
 
-    def _begun(self, records: list[Record]) -> Search:
+    def _begun(self, records: list[Record]) -> StepwiseSelection:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
         bench, first = self._bench(records, self.every), self.begin
         if first:
             first = replace(first, rig=zeroed(bench, first.rig))
-        return Search(replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer, begin=first)
+        return StepwiseSelection(
+            replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer, begin=first
+        )
 
-    def _bench(self, records: list[Record], every: list[int]) -> Bench:
+    def _bench(self, records: list[Record], every: list[int]) -> Segments:
         """Predictors of records, with the forces that move the rig from which a search begins."""
         return replace(bench_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
 
-    def _at_rates(self, search: Search) -> Search:
+    def _at_rates(self, search: StepwiseSelection) -> StepwiseSelection:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
         while True:
             if self._seen(search).unlogged(search.now.rig):
@@ -256,11 +258,11 @@ class _Course:
             self.tell("looking closer, at a faster rate", 0.3)
             search = self._begun(self.records)
 
-    def _seen(self, search: Search) -> Seen:
+    def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""
-        return Seen(search.bench, self.records, self.every, search.now.rig, search.now.sizes)
+        return Predictions(search.bench, self.records, self.every, search.now.rig, search.now.sizes)
 
-    def _moves_by_itself(self, search: Search) -> None:
+    def _moves_by_itself(self, search: StepwiseSelection) -> None:
         """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
         search.most = len(search.now.keys) + 1
         search.grow()
@@ -273,20 +275,20 @@ class _Course:
         """A third of the samples for a reading, an odd number."""
         return [max(1, (m // 3 + 1) // 2 * 2 - 1) for m in self.every]
 
-    def _at_finer(self, model: Model) -> float:
+    def _at_finer(self, model: FittedModel) -> float:
         """The largest unknown force of a model at a finer rate."""
         bench = self._bench(self.records, self._finer())
         return bench.most_unknown(bench.tuned(model.rig)[0])
 
-    def _of_timing(self, model: Model) -> bool:
+    def _of_timing(self, model: FittedModel) -> bool:
         """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
         found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
         return any(slot.delays or isinstance(slot, (slots.Lag, slots.Filter)) for slot in found)
 
-    def _found(self, search: Search, depth: Depth) -> Diagnosis:
+    def _found(self, search: StepwiseSelection, depth: Depth) -> Diagnosis:
         """Judge a search, and say what it amounts to."""
         full = depth == FULL
-        judged = Judge(search).judged() if full else Judged(search.now)
+        judged = ConfidenceTest(search).judged() if full else JudgedModel(search.now)
         self.tell("modelling what is left", 0.9)
         said, last = None, None
         tables = [k for k in judged.model.keys if find(self.rig.kind_at(k[0]), k[1], k[0]).is_table]
@@ -297,7 +299,7 @@ class _Course:
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
         model, about, bench = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
-        seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
+        seen = Predictions(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         moved = had_to_move(search, model, about)
         c = Conclusion(search, judged, moved, about, seen, said, last, self.course, full, changes=self.changes)
         away = [f.shared_title for f in moved]
@@ -314,7 +316,7 @@ class _Course:
         said = predicted(bench, motion, extended, c.model, less)
         return replace(c, left_out=(nothing if c.model.keys else extended, extended), predicted=said)
 
-    def _last_word(self, search: Search, model: Model) -> tuple[Model, Values, Bench]:
+    def _last_word(self, search: StepwiseSelection, model: FittedModel) -> tuple[FittedModel, Values, Segments]:
         """A model with the values that the recording has at its full rate, what they may be off by, and that bench.
 
         A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
@@ -394,13 +396,13 @@ class _Course:
         )  # fmt: skip
 
 
-def _fitted(bench: Bench, motion: Motion, model: Model) -> Model | None:
+def _fitted(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
     """A model fitted anew on a bench; None where nothing stays finite."""
-    problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+    problem = FitProblem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
     return problem.ladder(model.sizes, None, (1.0, 0.1, 1.0), 4)
 
 
-def _without_tables(search: Search, model: Model, tables: list[tuple[str, str]]) -> Model | None:
+def _without_tables(search: StepwiseSelection, model: FittedModel, tables: list[tuple[str, str]]) -> FittedModel | None:
     """The model with its names alone."""
     for key in tables:
         less = search.without(model, key)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import noise_of
+from dtbacklash.diagnosis.engine.resampling import noise_of
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.mjcf import steps_roughly

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from dtbacklash.diagnosis.named import Calibration, Changed, Document, Finding, Modelled, Recalibrated
+from dtbacklash.diagnosis.findings import Calibration, Changed, Document, Finding, Modelled, Recalibrated
 from dtbacklash.diagnosis.planning import Observed
+from dtbacklash.diagnosis.plot_data import Explained, FitTable, FreeRunning, PlotData, RecordingUsed, Work
 from dtbacklash.diagnosis.settings import SETTINGS
-from dtbacklash.diagnosis.shown import Explained, FitTable, FreeRunning, RecordingUsed, Shown, Work
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
 
@@ -38,7 +38,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Rest:
+class RemainingLaw:
     """The effort that explains most of what no law explains.
 
     state, state_unit, effort_unit : SI. explained : share of the held-out mismatch that it explains.
@@ -62,7 +62,7 @@ class Located:
     block: str
     location: str
     share: float
-    rest: Rest | None = None
+    rest: RemainingLaw | None = None
     shown: bool = True
 
     def to_json(self) -> Document:
@@ -169,7 +169,7 @@ class Diagnosis:
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = "recording"
-    shown: Shown = field(default_factory=Shown)
+    shown: PlotData = field(default_factory=PlotData)
     work: Work | None = None
     recordings: tuple[RecordingUsed, ...] = ()
     fault: str = ""

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dtbacklash.diagnosis.plot_data import RecordingUsed
 from dtbacklash.diagnosis.records import Record, records_of
-from dtbacklash.diagnosis.shown import RecordingUsed
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording

@@ -23,8 +23,8 @@ from dtbacklash.diagnosis.settings import DiagnoseSettings
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.effects.declare import Effect, Parameter
 from dtbacklash.physics.effects.table import KNOTS
-from dtbacklash.physics.kinds import GROUND, KINDS, Kind
-from dtbacklash.report.kit.markdown import table
+from dtbacklash.physics.element_kinds import GROUND, KINDS, Kind
+from dtbacklash.report.components.markdown import table
 
 if TYPE_CHECKING:
     import pandas as pd

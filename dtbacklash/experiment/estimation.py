@@ -14,9 +14,9 @@ from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.loop import GapInForce
-from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles, growth_ahead
+from dtbacklash.experiment.novelty_monitor import Watcher
 from dtbacklash.experiment.sensors import roles as roles_of
-from dtbacklash.experiment.watch import Watcher
+from dtbacklash.experiment.settling import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles, growth_ahead
 from dtbacklash.twin.gap.guard import Attempt
 from dtbacklash.twin.link.bank_twin import BankTwin
 from dtbacklash.twin.link.link import FullBuffer, TwinLink

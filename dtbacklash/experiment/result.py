@@ -13,9 +13,9 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.experiment import loop, metrics
 from dtbacklash.experiment.advice import advice, settles
+from dtbacklash.experiment.novelty_monitor import Watcher
 from dtbacklash.experiment.sensors import column, trace_factor
-from dtbacklash.experiment.watch import Watcher
-from dtbacklash.physics.covered import beyond
+from dtbacklash.physics.extrapolation import beyond
 from dtbacklash.physics.rig import Rig
 
 #: columns of a trace that mean nothing without a gear, and without a loop with a twin

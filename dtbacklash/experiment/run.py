@@ -22,16 +22,16 @@ from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.aging import aged_rigs, aged_state
 from dtbacklash.experiment.estimation import Estimation, answering
-from dtbacklash.experiment.pace import RealTime, undisturbed
-from dtbacklash.experiment.rest import AT_REST
+from dtbacklash.experiment.novelty_monitor import Watcher
+from dtbacklash.experiment.realtime import RealTime, undisturbed
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
-from dtbacklash.experiment.watch import Watcher
-from dtbacklash.kept import kept
+from dtbacklash.experiment.settling import AT_REST
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
+from dtbacklash.result_cache import kept
 from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_index
 from dtbacklash.twin.link.background import BackgroundTwin
 from dtbacklash.twin.link.service import Answer, TwinService

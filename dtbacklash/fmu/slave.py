@@ -20,7 +20,7 @@ from pythonfmu.enums import Fmi2Causality, Fmi2Variability
 from pythonfmu.fmi2slave import Fmi2Slave
 from pythonfmu.variables import Real
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.fmu import interface
 from dtbacklash.fmu.interface import COMMAND, GAP, GAP_MOST_DEG, INPUT, OUTPUT, PARAMETER, Export, Variable
 from dtbacklash.fmu.machine import Machine
@@ -95,7 +95,7 @@ class RigSlave(Fmi2Slave):
         except Exception as mistake:
             print(f"{arguments['instance_name']}: {mistake}", file=sys.stderr, flush=True)
             raise
-        self.guid = uuid.uuid5(uuid.NAMESPACE_OID, f"{sources.digest()} {text}")
+        self.guid = uuid.uuid5(uuid.NAMESPACE_OID, f"{source_hash.digest()} {text}")
         self.modelName, self.version = export.identifier, export.version
         self.description = about(export)
         self.default_experiment = DefaultExperiment(start_time=0.0, step_size=export.sample_time_s)

@@ -9,7 +9,7 @@ from dtbacklash.experiment.metrics import StepMetrics
 from dtbacklash.files import write_json
 from dtbacklash.paper.claims import all_claims
 from dtbacklash.paper.experiments import PLAY_GAP_DEG, Experiments, run_experiments
-from dtbacklash.report.kit import style, tables
+from dtbacklash.report.components import style, tables
 from dtbacklash.report.paper import figures, page
 
 __all__ = ["Experiments", "all_claims", "run_experiments", "run_paper"]

@@ -11,8 +11,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.element_kinds import GROUND, LINEAR
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kinds import GROUND, LINEAR
 from dtbacklash.physics.rig import Element, Rig
 
 #: damping ratio of the axial spring of a compliant screw, with the mass that it carries

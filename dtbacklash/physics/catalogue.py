@@ -11,13 +11,13 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.errors import UserError
-from dtbacklash.physics import own_laws
+from dtbacklash.physics import user_laws
 from dtbacklash.physics.effects import body, drive, sensor, servo, spring, table, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
-from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
+from dtbacklash.physics.element_kinds import KINDS, SENSOR, Kind
 
 #: where a user keeps laws of his own, below the current directory
 OWN = Path("conf") / "effect"
@@ -66,9 +66,9 @@ def register(effect: Effect, foreign: bool = True) -> None:
     if (effect.kind, effect.name) in CATALOGUE:
         raise UserError(key, effect.kind, "is in the catalogue already")
     if effect.declared is not None and foreign:
-        sources.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
+        source_hash.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
     for law in effect.slot.laws().values() if effect.declared is None and foreign else ():
-        sources.note_foreign(plain_function(law))
+        source_hash.note_foreign(plain_function(law))
     CATALOGUE[effect.kind, effect.name] = effect
     if not foreign:
         _FOUND.add(effect.name)
@@ -83,7 +83,7 @@ def declare(laws: Mapping[str, Any], key: str, foreign: bool = True) -> None:
     """
     for name, given in laws.items():
         mine = f"{key}.{name}"
-        said = own_laws.packaged(name, mine) if given == own_laws.PACKAGED_LAW else given
+        said = user_laws.packaged(name, mine) if given == user_laws.PACKAGED_LAW else given
         known = [effect for (_, other), effect in CATALOGUE.items() if other == name]
         if known and all(effect.declared is not None and effect.declared == said for effect in known):
             continue
@@ -91,7 +91,7 @@ def declare(laws: Mapping[str, Any], key: str, foreign: bool = True) -> None:
             raise UserError(mine, name, f"at most {OWN_MAX} laws of one's own in a process")
         if known:
             raise UserError(mine, name, f"a name that no effect has; there is {name} already: {known[0].law}")
-        for effect in own_laws.effects_of_declaration(name, said, mine):
+        for effect in user_laws.effects_of_declaration(name, said, mine):
             register(effect, foreign)
 
 
@@ -150,7 +150,7 @@ for _effect in (
 #: what comes with the package: its laws are compiled into the simulation
 SHIPPED = dict(CATALOGUE)
 
-for _effect in own_laws.installed():
+for _effect in user_laws.installed():
     register(_effect)
-for _name, _said in own_laws.folder_declarations(OWN) if not (OWN.parent / "__init__.py").exists() else ():
+for _name, _said in user_laws.folder_declarations(OWN) if not (OWN.parent / "__init__.py").exists() else ():
     declare({_name: _said}, str(OWN))

@@ -14,7 +14,7 @@ from dtbacklash.physics.effects.declare import Effect, Role, Values
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Law, arguments, plain_function
 from dtbacklash.physics.effects.table import SHAPES, table_of, weights
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.element_kinds import KINDS
 
 #: points of a drawn curve, and of each half of a loop
 POINTS = 401

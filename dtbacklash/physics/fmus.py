@@ -21,8 +21,8 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
 from dtbacklash.errors import UserError
+from dtbacklash.physics.element_kinds import LINEAR, MODEL_OUTPUT, ROTARY
 from dtbacklash.physics.fmu_file import Model, alone, model_of
-from dtbacklash.physics.kinds import LINEAR, MODEL_OUTPUT, ROTARY
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, KIND, check_columns, named
 
 __all__ = ["completed", "effects_of_inputs", "first_inputs", "model_of", "new_rig", "pairs", "passes",

@@ -20,7 +20,7 @@ import yaml
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
 from dtbacklash.errors import UserError
-from dtbacklash.physics.kinds import LINEAR, ROTARY
+from dtbacklash.physics.element_kinds import LINEAR, ROTARY
 
 if TYPE_CHECKING:
     import mujoco

@@ -10,7 +10,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue, fmus, mjcf
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Effect, Values
-from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
+from dtbacklash.physics.element_kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
 
 SENSOR_PREFIX = "sensor_"
 #: what a sensor's zero is called at its place

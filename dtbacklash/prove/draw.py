@@ -14,13 +14,13 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.prove import beside, excitation, sizes, tuning
-from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
+from dtbacklash.prove import effect_sizes, excitation, nuisances, tuning
+from dtbacklash.prove.effect_sizes import DESCRIPTIONS, unknown_entries, unknown_range
 from dtbacklash.prove.secret import INSTRUMENTS, KINDS, MACHINES, Secret, with_effects
 from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
 from dtbacklash.prove.simulator.machine import carried_mass
 from dtbacklash.prove.simulator.rig import EFFECTS, Trial, check_concealable, simulate_other
-from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries, unknown_range
+from dtbacklash.prove.testbench import Bench, errors_in_cascade, errors_of
 
 #: how often each kind is drawn
 SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, "unknown": 0.15}
@@ -59,7 +59,7 @@ def draw(
 
     rig : the nominal rig. kind : one of KINDS. effect : ``location.effect``, which is then hidden alone.
     instruments : ``minimal`` (the loop's sensors) or ``rich`` (all). None: drawn. machine : ``lifelike`` has small
-    things beside that, see :mod:`.beside`; but for these it moves as the ``clean`` one of the same seed.
+    things beside that, see :mod:`.nuisances`; but for these it moves as the ``clean`` one of the same seed.
 
     Raises UserError: a rig that cannot be concealed, an unknown kind, effect or instruments.
     """
@@ -158,7 +158,7 @@ def _draw(
     if found is None or machine == MACHINES[0]:
         return found
     listed = entries(with_effects(bench.rig, found.effects))
-    return beside.with_small_things(np.random.default_rng([*stream, BESIDE_STREAM]), listed, bench.rig, found)
+    return nuisances.with_small_things(np.random.default_rng([*stream, BESIDE_STREAM]), listed, bench.rig, found)
 
 
 def _parameters(rng: Generator, rig: Rig, kind: str) -> dict[str, float]:
@@ -181,7 +181,7 @@ def _strength_for(
     """The strength at which a hidden effect is as visible as is drawn."""
     clean = bench.secret.machine == MACHINES[0]
     target = float(np.exp(rng.uniform(*np.log(VISIBILITY if clean else LIFELIKE))))
-    return sizes.strength_for(visibility, target, guess, most, sizes.NEAR if clean else NEAR_LIFELIKE)
+    return effect_sizes.strength_for(visibility, target, guess, most, effect_sizes.NEAR if clean else NEAR_LIFELIKE)
 
 
 def _with_hidden_effects(
@@ -207,8 +207,8 @@ def _with_hidden_effects(
     return secret if all(math.isfinite(v) for v in secret.visibility.values()) else None
 
 
-def _moving(bench: Bench, plain: Trial) -> sizes.Moved:
-    return sizes.motion_of(bench.rig, plain, bench.secret.duration_s, bench.secret.excitation["f_max_hz"])
+def _moving(bench: Bench, plain: Trial) -> effect_sizes.Moved:
+    return effect_sizes.motion_of(bench.rig, plain, bench.secret.duration_s, bench.secret.excitation["f_max_hz"])
 
 
 def _shape_rng(stream: Stream, place: str, name: str) -> Generator:
@@ -248,7 +248,9 @@ def _with_needed_sensors(picked: list[tuple[str, str]], bench: Bench) -> Bench:
     return replace(bench, secret=replace(bench.secret, instruments="rich", channels=list(bench.rig.sensors)))
 
 
-def _sized(rng: Generator, bench: Bench, plain: Trial, place: str, name: str, moving: sizes.Moved) -> dict[str, float]:
+def _sized(
+    rng: Generator, bench: Bench, plain: Trial, place: str, name: str, moving: effect_sizes.Moved
+) -> dict[str, float]:
     """The parameters of an effect, of a size at which its visibility is the drawn one."""
     effect = bench.rig.takes(place)[name]
     shape = effect.draw_shape(rng, moving.at(place))

@@ -32,15 +32,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.columns import Columns
-from dtbacklash.diagnosis.engine.exact import Model, Problem
-from dtbacklash.diagnosis.engine.free import Key, effects_of_rig, is_known, taken_out
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import motion_of
+from dtbacklash.diagnosis.engine.parameters import Key, effects_of_rig, is_known, taken_out
 from dtbacklash.diagnosis.engine.predictor import ASTRAY
-from dtbacklash.diagnosis.engine.readings import rate_of
-from dtbacklash.diagnosis.engine.simulated import Simulated
-from dtbacklash.diagnosis.seen import predictor_of
+from dtbacklash.diagnosis.engine.resampling import rate_of
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.predictions import predictor_of
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove.secret import with_effects
@@ -93,12 +93,12 @@ class Oracle:
         fitted = round((1.0 - HELD_OUT) * record.samples)
         self.every = rate_of(nominal, {c: record.y[c][:fitted] for c in self.channels}, record.sample_time_s)
         self.predictor = predictor_of(nominal, record, self.every)
-        self.bench = Bench(nominal, (self.predictor.first(1.0 - HELD_OUT),))
+        self.bench = Segments(nominal, (self.predictor.first(1.0 - HELD_OUT),))
         for predictor in (self.predictor, *self.bench.predictors):
             # in few steps, at the rate of the motion, a true friction may seem false
             predictor.simulated = Simulated(predictor.readings, finely=True)
 
-    def fit(self, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Model | None:
+    def fit(self, rig: Rig, keys: Iterable[Key], pinned: str = "") -> FittedModel | None:
         """These effects and the nominal parameters, from their values in a rig; None if it does not stay finite.
 
         pinned : a parameter that stays as it is in the rig.
@@ -113,7 +113,7 @@ class Oracle:
         x, squares = problem.solve(sizes, problem.start(), STEPS)
         return problem.rig(x) if math.isfinite(squares) else rig
 
-    def _bench(self, pinned: str) -> Bench:
+    def _bench(self, pinned: str) -> Segments:
         if not pinned:
             return self.bench
         known = self.nominal.config.parameters
@@ -121,16 +121,16 @@ class Oracle:
         return replace(self.bench, nominal=build_rig(replace(self.nominal.config, parameters=exact)))
 
     @staticmethod
-    def _problem(bench: Bench, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> Problem:
+    def _problem(bench: Segments, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> FitProblem:
         there = [key for key in keys if rig.effect(*key) is not None]
-        return Problem(bench, rig, there, motion_of(bench, rig, bench.gains(rig, sizes)), stiff=1.0)
+        return FitProblem(bench, rig, there, motion_of(bench, rig, bench.gains(rig, sizes)), stiff=1.0)
 
     def rows(self, rig: Rig, sizes: Sizes) -> Floats:
         """(N, channels) whitened innovations of the whole recording."""
         E = self.predictor.run(rig, self.predictor.gains(rig, sizes[0])).E
         return E if np.isfinite(E).all() else np.full_like(E, ASTRAY)
 
-    def seen(self, best: Model, without: Model | None, pinned: str = "") -> Sight:
+    def seen(self, best: FittedModel, without: FittedModel | None, pinned: str = "") -> Sight:
         """The true structure beside one that lacks something (None: it does not follow the recording at all)."""
         if without is None:
             return Sight(math.inf, 1.0, math.inf, math.inf)
@@ -147,7 +147,7 @@ class Oracle:
             return math.nan
         return math.sqrt(_square(self.rows(rig, sizes)[len(self.bench.predictors[0].readings.u) :]))
 
-    def unlisted(self, recalibrated: Model, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Sight]:
+    def unlisted(self, recalibrated: FittedModel, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Sight]:
         """{name of the catalogue's best law: beside the noise}; truth : sensor -> (N,) its reading without errors."""
         strict = recalibrated.sizes[0].copy()
         strict[: len(self.predictor.bodies)] = math.log(STRICT)
@@ -157,7 +157,7 @@ class Oracle:
         if extended is not None:
             keys = [key for key in effects_of_rig(extended) if not is_known(self.nominal, key)]
             tried["diagnosed"] = self.at(sizes, extended, keys)
-        for p in Columns(self.bench, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
+        for p in CandidateSensitivities(self.bench, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
             with suppress(UserError):  # the rig cannot have it
                 tried[".".join(*p.keys)] = self.at(sizes, p.put(bare), p.keys)
         left = {name: self.rows(rig, sizes) for name, rig in tried.items()}
@@ -219,7 +219,7 @@ def look(
     }
 
 
-def better(oracle: Oracle, best: Model, extended: Rig | None) -> Model:
+def better(oracle: Oracle, best: FittedModel, extended: Rig | None) -> FittedModel:
     """The oracle's fit, or a better one from the diagnosed values, if the diagnosed structure is the true one.
 
     A fit of several effects can get stuck in a local minimum, which would flatter the diagnosis.

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
@@ -81,7 +81,7 @@ def claim(plan: Plan) -> None:
     files = {name for name in (plan.rig, *(name for name, _ in plan.counts())) if name and Path(name).is_file()}
     wanted = {
         "rig": plan.rig, "rigs": dict(plan.rigs), "seeds": list(plan.seeds), "folder": str(plan.folder or ""),
-        "concealed_by": sources.digest(work.CONCEALED_BY) if plan.folder is None else "",
+        "concealed_by": source_hash.digest(work.CONCEALED_BY) if plan.folder is None else "",
         "files": {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(files)},
     }  # fmt: skip
     if plan.machine != "clean":
@@ -215,7 +215,7 @@ def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]
 def codes() -> dict[str, str]:
     """Digests of the code that makes the cases of a proof."""
     parts = {"concealed_by": work.CONCEALED_BY, "diagnosed_by": work.DIAGNOSED_BY, "oracle_by": work.ORACLE_BY}
-    return {name: sources.digest(files) for name, files in parts.items()}
+    return {name: source_hash.digest(files) for name, files in parts.items()}
 
 
 def save_known(cases: Sequence[Case], file: Path) -> None:

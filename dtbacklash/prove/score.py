@@ -12,7 +12,7 @@ import numpy as np
 
 from dtbacklash.config import commands
 from dtbacklash.prove import rules
-from dtbacklash.prove.names import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability, wilson
+from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability, wilson
 from dtbacklash.prove.rules import Case
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise

@@ -27,7 +27,7 @@ class Secret:
     instruments : ``minimal`` or ``rich``. channels : the recorded sensors.
     noise, resolution : sensor -> standard deviation, size of a count, SI.
     visibility : ``location.name`` (and ``parameters``) -> rms change of the recorded signal that shows it most, in
-        units of that sensor's noise and counts: two runs without noise are compared, see :meth:`.bench.Bench.quiet`.
+        units of that sensor's noise and counts: two runs without noise are compared (:meth:`.testbench.Bench.quiet`).
     machine : ``clean`` or ``lifelike``. beside : the small things of a lifelike one, as in ``effects`` or ``unknown``,
         each with its ``visibility``, and what the catalogue lacks with ``akin``: [location, effect] that name it, too.
     beside_visibility : of all small things together, beside what is hidden.

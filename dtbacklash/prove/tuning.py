@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.bodies import natural_frequencies_hz, take_apart
-from dtbacklash.physics.kinds import GROUND
+from dtbacklash.physics.element_kinds import GROUND
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.simulator.machine import driven_body
 from dtbacklash.prove.simulator.rig import roles

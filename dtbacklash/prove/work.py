@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.campaign.jobs import Job
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.files import read_json, write_json
@@ -108,7 +108,7 @@ class Diagnosing(Job):
         return diagnosed(self.record)
 
     def work(self) -> None:
-        code, wall_s, cpu_s = sources.digest(DIAGNOSED_BY), time.perf_counter(), time.process_time()
+        code, wall_s, cpu_s = source_hash.digest(DIAGNOSED_BY), time.perf_counter(), time.process_time()
         answer: dict[str, Any] = {"error": "", "diagnosis": None, "extended": None}
         try:
             answer["diagnosis"], answer["extended"] = self.diagnose(self.folder, self.rig)
@@ -122,7 +122,7 @@ class Diagnosing(Job):
 
     def died(self, error: Exception | None) -> None:
         nothing = dict.fromkeys(("diagnosis", "extended", "wall_s", "cpu_s"))
-        code = sources.digest(DIAGNOSED_BY)
+        code = source_hash.digest(DIAGNOSED_BY)
         write_json(self.record, {"id": self.folder.name, "code": code, "error": DEATH, **nothing})
 
 
@@ -138,7 +138,7 @@ class Asking(Job):
 
     def done(self) -> bool:
         seen = read_json(self.record).get("oracle") or {}
-        return diagnosed(self.record) and seen.get("code") == sources.digest(ORACLE_BY)
+        return diagnosed(self.record) and seen.get("code") == source_hash.digest(ORACLE_BY)
 
     def work(self) -> None:
         try:
@@ -152,9 +152,9 @@ class Asking(Job):
 
     def _tell(self, seen: dict[str, Any]) -> None:
         entry = read_json(self.record) | {"secret": self.secret}
-        write_json(self.record, entry | {"oracle": seen | {"code": sources.digest(ORACLE_BY)}})
+        write_json(self.record, entry | {"oracle": seen | {"code": source_hash.digest(ORACLE_BY)}})
 
 
 def diagnosed(target: Path) -> bool:
     """Whether this code has diagnosed the case."""
-    return read_json(target).get("code") == sources.digest(DIAGNOSED_BY)
+    return read_json(target).get("code") == source_hash.digest(DIAGNOSED_BY)

@@ -16,7 +16,7 @@ LOOP = ("duration_s=62", "profile=constant", "profile.start_deg=40", "controller
 def test_what_is_found_makes_the_loop_as_good_as_the_truth(tmp_path, monkeypatch, capsys):
     """From a recording of 12 s, so that the test is quick; the study takes it whole."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dtbacklash.closing.RECORDED_S", 12.0)
+    monkeypatch.setattr("dtbacklash.closed_loop_check.RECORDED_S", 12.0)
     assert cli.main(["run", "experiment=close_the_loop", *MACHINE, *LOOP, "out=closed"]) == 0
     folder = tmp_path / "closed"
     files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}

@@ -15,7 +15,7 @@ from told import one_line
 
 from dtbacklash.commands import diagnose as command
 from dtbacklash.compiled import cache_folder
-from dtbacklash.diagnosis.say.sentences import notes_of
+from dtbacklash.diagnosis.explain.sentences import notes_of
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.diagnosis.several import source_of
 from dtbacklash.errors import UserError

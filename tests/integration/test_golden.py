@@ -9,7 +9,7 @@ from golden import GOLDEN, MOVED, Golden, recorded, said
 from nominal import nominal_rig
 
 from dtbacklash.diagnosis import diagnose, pipeline
-from dtbacklash.diagnosis.engine.search import Search
+from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 from dtbacklash.diagnosis.settings import SETTINGS
 
 pytestmark = pytest.mark.check
@@ -58,7 +58,7 @@ def test_each_number_that_decides_is_seen_to(name: str, tmp_path: Path, monkeypa
 
     def of(value: float) -> tuple[object, ...]:
         rules = replace(SETTINGS, **{name: value})
-        monkeypatch.setattr(pipeline, "Search", partial(Search, rules=rules))
+        monkeypatch.setattr(pipeline, "StepwiseSelection", partial(StepwiseSelection, rules=rules))
         return said(diagnose(recording, nominal_rig(case.rig), held_out=rules.held_out_share))
 
     value = getattr(SETTINGS, name)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dtbacklash.face.rigs import load_rig
+from dtbacklash.api.rigs import load_rig
 
 PAGE = (Path(__file__).parents[2] / "docs" / "machine.md").read_text(encoding="utf-8")
 COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines()]

@@ -19,7 +19,7 @@ from told import refusal
 import dtbacklash as dtb
 from dtbacklash import cli
 from dtbacklash.diagnosis import Diagnosis, diagnose
-from dtbacklash.diagnosis.named import Alternative
+from dtbacklash.diagnosis.findings import Alternative
 from dtbacklash.diagnosis.records import held_equivalent
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml

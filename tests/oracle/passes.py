@@ -3,7 +3,7 @@
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import OPENING
+from dtbacklash.diagnosis.engine.resampling import OPENING
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant, State
 from oracle.kernel import with_addresses

@@ -16,7 +16,7 @@ from dtbacklash.config.groups import packaged_options
 from dtbacklash.config.twin import PARTS, read
 from dtbacklash.docs import pages as docs
 from dtbacklash.physics.catalogue import CATALOGUE
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.element_kinds import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dtbacklash import units
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.element_kinds import KINDS
 
 
 def test_every_unit_leads_to_an_si_unit_of_the_table():

@@ -6,7 +6,7 @@ from typing import ParamSpec, TypeVar
 
 import numpy as np
 
-from dtbacklash.diagnosis.spread import spread
+from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.errors import UserError
 
 log = logging.getLogger(__name__)

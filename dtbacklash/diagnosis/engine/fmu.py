@@ -9,10 +9,10 @@ from contextlib import AbstractContextManager, suppress
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnosis.engine.external_simulator import MOVED, Modelled, Parts
 from dtbacklash.diagnosis.engine.fmu_passes import NEXT, STEP, TIME, block, functions, length_of
 from dtbacklash.diagnosis.engine.model_passes import Compiled
-from dtbacklash.diagnosis.engine.modelled import MOVED, Modelled, Parts
-from dtbacklash.diagnosis.engine.readings import Readings
+from dtbacklash.diagnosis.engine.resampling import Samples
 from dtbacklash.errors import UserError
 from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, passes, rates_by_states
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX
@@ -36,7 +36,7 @@ class Exchanged(Modelled):
 
     without = "leave it out of `joints`"
 
-    def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
+    def __init__(self, readings: Samples, rig: Rig, finely: bool = False) -> None:
         super().__init__(readings, rig, finely)
         config = rig.config
         self._fmu = model_of(config)

@@ -16,10 +16,10 @@ from scipy.optimize import lsq_linear
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt
-from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.predictor import Gains
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
 from dtbacklash.physics.effects.declare import Role
 
 VIEWS = SHORT, LONG, WHITE = ("short", "long", "white")
@@ -59,18 +59,18 @@ class Horizons:
     unknown forces, from one horizon to the next, as far as the judged model follows.
     """
 
-    def __init__(self, bench: Bench, motion: Motion, model: Model) -> None:
+    def __init__(self, bench: Segments, motion: Motion, model: FittedModel) -> None:
         self.bench, self.motion, self.model = bench, motion, model
         self.shares: tuple[float, ...] = ()
         self._filters: list[list[Floats]] = []
         self.reference = attempt(self._measured, model, self._longest)
 
-    def squares(self, m: Model) -> Squares | None:
+    def squares(self, m: FittedModel) -> Squares | None:
         """A model in the three views, fitted anew at the sizes of the judged one; None where it does not follow."""
         return self._measured(m, self._as_long)
 
-    def _measured(self, m: Model, lengthen: Callable[[Problem, Fit], Fit | None]) -> Squares | None:
-        problem = Problem(self.bench, m.rig, m.keys, self.motion, self.model.stiff, m.smooth)
+    def _measured(self, m: FittedModel, lengthen: Callable[[FitProblem, Fit], Fit | None]) -> Squares | None:
+        problem = FitProblem(self.bench, m.rig, m.keys, self.motion, self.model.stiff, m.smooth)
         fit = self._fitted(problem, problem.start(), 1.0, STEPS)
         if fit is None:
             return None
@@ -80,7 +80,7 @@ class Horizons:
         rows = {SHORT: fit[1], LONG: far[1], WHITE: self._whitened_fit(problem, *far)}
         return Squares({view: self._sums(one) for view, one in rows.items()}, float(fit[1] @ fit[1]))
 
-    def _fitted(self, problem: Problem, x: Floats, share: float, steps: int) -> Fit | None:
+    def _fitted(self, problem: FitProblem, x: Floats, share: float, steps: int) -> Fit | None:
         sizes: Sizes = self.bench.scaled(self.model.sizes, share)
         x, squares = problem.solve(sizes, x, steps)
         if not np.isfinite(squares):
@@ -89,7 +89,7 @@ class Horizons:
         rows = problem.rows(x, gains)
         return None if rows is None else (x, rows, gains)
 
-    def _longest(self, problem: Problem, fit: Fit) -> Fit:
+    def _longest(self, problem: FitProblem, fit: Fit) -> Fit:
         """The fit at the longest horizon that the judged model follows."""
         data = problem.bench_rows
         most = FOLLOWS * float(fit[1][:data] @ fit[1][:data])
@@ -100,7 +100,7 @@ class Horizons:
             fit, self.shares = far, (*self.shares, share)
         return fit
 
-    def _as_long(self, problem: Problem, fit: Fit) -> Fit | None:
+    def _as_long(self, problem: FitProblem, fit: Fit) -> Fit | None:
         """The fit at the same horizon as the judged model's, by way of the shorter ones."""
         for share in self.shares:
             far = self._fitted(problem, fit[0], share, STEPS_LONGER)
@@ -109,7 +109,7 @@ class Horizons:
             fit = far
         return fit
 
-    def _whitened_fit(self, problem: Problem, x: Floats, rows: Floats, gains: list[Gains]) -> Floats:
+    def _whitened_fit(self, problem: FitProblem, x: Floats, rows: Floats, gains: list[Gains]) -> Floats:
         """(rows,) whitened by what the judged model leaves, after one more step of the fit to them."""
         data = problem.bench_rows
         if not self._filters:
@@ -151,7 +151,7 @@ def paired_t(a: Floats, b: Floats) -> float:
     return max(_t(a - b), _t(np.log(a / b)))
 
 
-def _room(problem: Problem, x: Floats) -> list[tuple[float, float]]:
+def _room(problem: FitProblem, x: Floats) -> list[tuple[float, float]]:
     """How far each free parameter may move from x: the rig's own within their ends, others anywhere."""
     ends = [((f.low - f.centre) / f.scale, (f.high - f.centre) / f.scale) if f.prior and f.role is not Role.ANGLE else
             (-np.inf, np.inf) for f in problem.free]  # fmt: skip

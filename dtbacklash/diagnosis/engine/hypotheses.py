@@ -8,9 +8,9 @@ from scipy.linalg import null_space
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.free import Key
 from dtbacklash.diagnosis.engine.motion import Motion
+from dtbacklash.diagnosis.engine.parameters import Key
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.catalogue import is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Role, Values
@@ -86,7 +86,7 @@ class Hypothesis:
 
 
 def hypotheses(
-    bench: Bench, rig: Rig, motion: Motion, without: tuple[Key, ...] = (), tables: bool = False
+    bench: Segments, rig: Rig, motion: Motion, without: tuple[Key, ...] = (), tables: bool = False
 ) -> Iterator[Hypothesis]:
     """All laws that a rig may lack, at each of their starts; or all tables. without : keys that are not asked about."""
     unseen = unseen_positions(bench)
@@ -111,7 +111,7 @@ def hypotheses(
             yield from attempt(list, starts) or ()
 
 
-def unseen_positions(bench: Bench) -> set[str]:
+def unseen_positions(bench: Segments) -> set[str]:
     """Bodies whose position no reading shows, as none but speeds are read."""
     L = bench.linear
     scale = np.array([max(bench.predictors[0].spread.get(s, 1.0), 1e-12) for s in L.states])
@@ -145,7 +145,7 @@ def _of_both_signs(effect: Effect, states: dict[str, Floats]) -> bool:
 
 
 def _laws(place: str, effect: Effect, motion: Motion, anywhere: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """A law at each of its starts, within what the recording can show. anywhere : see :class:`.Bench`."""
+    """A law at each of its starts, within what the recording can show. anywhere : see :class:`.Segments`."""
     here = motion(place)
     if not effect.is_shown(here):
         return

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.bench import Bench
 from dtbacklash.diagnosis.engine.predictor import Gains, corrected
-from dtbacklash.diagnosis.engine.readings import Readings, between
+from dtbacklash.diagnosis.engine.resampling import Samples, between
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.engine.simulator import Pass
 from dtbacklash.diagnosis.engine.trajectory import Trajectory
 from dtbacklash.physics.bodies import natural_frequencies_hz
@@ -25,7 +25,7 @@ FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 class Motion(Trajectory):
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
-    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
+    def __init__(self, bench: Segments, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
         self._predictors, self._passes, self._readings = bench.predictors, passes, readings
         drives = [e.name for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
@@ -52,7 +52,7 @@ class Motion(Trajectory):
         )  # fmt: skip
 
     @staticmethod
-    def _predicted(readings: list[Readings], passes: list[Pass]) -> dict[str, Floats]:
+    def _predicted(readings: list[Samples], passes: list[Pass]) -> dict[str, Floats]:
         """Channel -> (N,) what it was predicted to read; 0 in stretches that do not have it."""
         found = {}
         for channel in dict.fromkeys(c for r in readings for c in r.channels):
@@ -166,7 +166,7 @@ class Motion(Trajectory):
         return next(iter(self.position), None)
 
 
-def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:
+def motion_of(bench: Segments, rig: Rig, gains: list[Gains]) -> Motion:
     """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
     passes, kicks = [], []
     for p, g in zip(bench.predictors, gains, strict=True):

@@ -18,8 +18,8 @@ import numpy as np
 from numba import cfunc, types
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.modelled import Modelled, Parts
-from dtbacklash.diagnosis.engine.readings import Readings
+from dtbacklash.diagnosis.engine.external_simulator import Modelled, Parts
+from dtbacklash.diagnosis.engine.resampling import Samples
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.mjcf import (
     ACTUATOR_PREFIX,
@@ -48,7 +48,7 @@ class Stepped(Modelled):
     Raises UserError where the model's step is no divisor of a sample.
     """
 
-    def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
+    def __init__(self, readings: Samples, rig: Rig, finely: bool = False) -> None:
         super().__init__(readings, rig, finely)
         self._nominal = m = model_of(rig.config)
         self._own = readings.every * steps_of(m, rig.config.model, readings.sample_time_s / readings.every)

@@ -4,7 +4,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.core.library import buffer, copied, ffi, lib
-from dtbacklash.diagnosis.engine.readings import OPENING
+from dtbacklash.diagnosis.engine.resampling import OPENING
 from dtbacklash.physics.kernel.plant import Plant, State
 from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 

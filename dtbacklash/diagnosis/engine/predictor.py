@@ -19,7 +19,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.filter import driven, frozen, opening, riccati, update
-from dtbacklash.diagnosis.engine.readings import OPENING
+from dtbacklash.diagnosis.engine.resampling import OPENING
 from dtbacklash.diagnosis.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.diagnosis.engine.trajectory import Trajectory
 from dtbacklash.physics.catalogue import find

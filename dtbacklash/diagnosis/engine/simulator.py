@@ -1,6 +1,7 @@
 """What a predictor asks of a simulator: its linear model, a pass with corrections, and where states lead.
 
-This is the whole contract between the diagnosis and what simulates. :mod:`.simulated` fulfils it by the compiled rig.
+This is the whole contract between the diagnosis and what simulates. :mod:`.rig_simulator` fulfils it by the compiled
+rig.
 """
 
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import Readings
+from dtbacklash.diagnosis.engine.resampling import Samples
 from dtbacklash.physics.rig import Rig
 
 #: a mode that so nearly stays where it is (eigenvalue of a sample), and of which a sensor shows so much (share)
@@ -76,10 +77,10 @@ class Simulator(Protocol):
     readings : the stretch. finely : whether a sample is simulated in fine steps.
     """
 
-    readings: Readings
+    readings: Samples
     finely: bool
 
-    def on(self, readings: Readings) -> Self:
+    def on(self, readings: Samples) -> Self:
         """The same on other readings."""
 
     def linear(self, rig: Rig) -> Linear:

@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.simulator import Linear
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.kinds import AXES
+from dtbacklash.physics.element_kinds import AXES
 from dtbacklash.physics.rig import Element, Rig
 
 #: of a speed's power, what lies within the band of the motion (share); above it is noise that a predictor lets through

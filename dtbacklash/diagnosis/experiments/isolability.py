@@ -1,9 +1,9 @@
 """Which effects a planned experiment would show, from which size on, and which of them it would confuse.
 
-Every effect is a column, as in a diagnosis (:mod:`~dtbacklash.diagnosis.engine.columns`): what it does to the whitened
-innovations of the nominal rig on the planned motion. What the rig's parameters can do within their tolerances is
-projected out. What is left of a column says from which size on the effect shows, and the angle between two columns how
-far they can be told apart: beside another effect, one has to be larger by 1/sine.
+Every effect is a column, as in a diagnosis (:mod:`~dtbacklash.diagnosis.engine.candidates`): what it does to the
+whitened innovations of the nominal rig on the planned motion. What the rig's parameters can do within their tolerances
+is projected out. What is left of a column says from which size on the effect shows, and the angle between two columns
+how far they can be told apart: beside another effect, one has to be larger by 1/sine.
 """
 
 import math
@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.columns import Columns
-from dtbacklash.diagnosis.engine.free import Key, unit_at
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.hypotheses import TABLE_SPAN, Hypothesis
 from dtbacklash.diagnosis.engine.motion import Motion
-from dtbacklash.diagnosis.engine.search import LEAST
+from dtbacklash.diagnosis.engine.parameters import Key, unit_at
+from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.experiments.planned import planned
+from dtbacklash.diagnosis.labels import named_in_words, place_in_words
 from dtbacklash.diagnosis.settings import SETTINGS
-from dtbacklash.diagnosis.words import named_in_words, place_in_words
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.declare import Role, name_in_words
 from dtbacklash.physics.rig import Rig
@@ -158,7 +158,7 @@ def _columns(rig: Rig, recording: Recording, unknown: float) -> tuple[Isolabilit
     if not any(np.nanstd(v) > 0.0 for c, v in recording.channels.items() if c in rig.sensors):
         raise UserError("command", recording.name, "moves nothing; no sensor of the rig would show a change")
     plan = planned(rig, recording, unknown)
-    columns = Columns(plan.bench, plan.model, plan.sizes)
+    columns = CandidateSensitivities(plan.bench, plan.model, plan.sizes)
     hypotheses, errors, sines = columns.angles()
     keys = list(dict.fromkeys(h.key for h in hypotheses))
     named = math.sqrt(max(SETTINGS.least * plan.bench.count, LEAST))

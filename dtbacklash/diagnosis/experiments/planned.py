@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.exact import Model
-from dtbacklash.diagnosis.engine.free import with_priors
-from dtbacklash.diagnosis.engine.readings import rate_of
-from dtbacklash.diagnosis.engine.zeros import zeroed
+from dtbacklash.diagnosis.engine.fit import FittedModel
+from dtbacklash.diagnosis.engine.parameters import with_priors
+from dtbacklash.diagnosis.engine.resampling import rate_of
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
+from dtbacklash.diagnosis.predictions import bench_of
 from dtbacklash.diagnosis.records import records_of
-from dtbacklash.diagnosis.seen import bench_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 
@@ -19,14 +19,14 @@ from dtbacklash.recording.model import Recording
 class Planned:
     """A bench of a planned experiment. sizes : of the unknown forces, as they are assumed, and of the noises."""
 
-    bench: Bench
+    bench: Segments
     sizes: Sizes
     every: int
 
     @property
-    def model(self) -> Model:
+    def model(self) -> FittedModel:
         """The rig as it is planned with, its parameters known to their tolerances."""
-        return Model(self.bench.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
+        return FittedModel(self.bench.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
 
 
 def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.exact import Problem
-from dtbacklash.diagnosis.engine.free import Key, effects_of_rig, is_known
+from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.motion import motion_of
+from dtbacklash.diagnosis.engine.parameters import Key, effects_of_rig, is_known
 from dtbacklash.diagnosis.engine.predictor import ASTRAY, Gains
-from dtbacklash.diagnosis.engine.readings import rate_of
+from dtbacklash.diagnosis.engine.resampling import rate_of
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.diagnosis.planning import Observed
+from dtbacklash.diagnosis.predictions import bench_of
 from dtbacklash.diagnosis.records import Record
-from dtbacklash.diagnosis.seen import bench_of
 from dtbacklash.diagnosis.settings import SETTINGS
-from dtbacklash.diagnosis.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.rig import Rig
@@ -83,7 +83,7 @@ class Rivalry:
             dict(zip(names, np.abs(v).max(axis=0).tolist(), strict=True)),
         )  # fmt: skip
 
-    def bench(self, record: Record) -> tuple[Bench, Sizes]:
+    def bench(self, record: Record) -> tuple[Segments, Sizes]:
         """Predictors of a simulated recording, and the sizes that the diagnosis found."""
         every = rate_of(self.nominal, record.y, record.sample_time_s)
         bench = bench_of(self.nominal, [record], [every])
@@ -106,10 +106,12 @@ class Rivalry:
             return [0.0] * len(self.rivals)
         return spread(lambda rival: self._apart(bench, sizes, gains, own, rival, exactly), self.rivals)
 
-    def _apart(self, bench: Bench, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool) -> float:
+    def _apart(
+        self, bench: Segments, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool
+    ) -> float:
         rig = rival.rig
         try:
-            problem = Problem(bench, rig, rival.keys, motion_of(bench, rig, gains), 1.0)
+            problem = FitProblem(bench, rig, rival.keys, motion_of(bench, rig, gains), 1.0)
             x = problem.start()
             rows = problem.rows(x, gains)
         except (UserError, np.linalg.LinAlgError):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import noise_of
+from dtbacklash.diagnosis.engine.resampling import noise_of
 from dtbacklash.diagnosis.inspect import samples
 from dtbacklash.diagnosis.records import Mask, Record
 from dtbacklash.errors import UserError

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import noise_of
-from dtbacklash.diagnosis.engine.simulated import linear_of
+from dtbacklash.diagnosis.engine.resampling import noise_of
+from dtbacklash.diagnosis.engine.rig_simulator import linear_of
 from dtbacklash.diagnosis.inspect.inspection import Fault, Inspected
+from dtbacklash.diagnosis.labels import all_in_words
+from dtbacklash.diagnosis.plot_data import Curve, FitTable, ModelErrors, PlotData
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis, Located
-from dtbacklash.diagnosis.shown import Curve, FitTable, ModelErrors, Shown
-from dtbacklash.diagnosis.words import all_in_words
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import simulate
@@ -47,7 +47,7 @@ def faulty(rig: Rig, found: Inspected, fault: Fault) -> Diagnosis:
         extended=rig,
         checks=tuple(found.checks),
         notes=tuple(found.notes),
-        shown=Shown(evidence={fault.where: 1.0}, curves=tuple(curve for *_, curve in curves)),
+        shown=PlotData(evidence={fault.where: 1.0}, curves=tuple(curve for *_, curve in curves)),
         fault=fault.what,
     )
 

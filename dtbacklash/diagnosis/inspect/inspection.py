@@ -11,9 +11,9 @@ from dtbacklash.diagnosis.inspect import samples
 from dtbacklash.diagnosis.inspect.command import bridged, outliers
 from dtbacklash.diagnosis.inspect.sampling import MODE_SAMPLES_MIN, Carried, carried
 from dtbacklash.diagnosis.inspect.wiring import Rewiring, wiring
+from dtbacklash.diagnosis.labels import listed
 from dtbacklash.diagnosis.records import Mask, Record
 from dtbacklash.diagnosis.result import Check
-from dtbacklash.diagnosis.words import listed
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE, filled
 from dtbacklash.recording.mapping import Channel

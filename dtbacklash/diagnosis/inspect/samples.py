@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import noise_of
+from dtbacklash.diagnosis.engine.resampling import noise_of
 from dtbacklash.diagnosis.records import Mask
 from dtbacklash.recording.channels import clipped, filled, runs
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.readings import noise_of
+from dtbacklash.diagnosis.engine.resampling import noise_of
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz

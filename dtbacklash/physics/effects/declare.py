@@ -178,7 +178,7 @@ class Effect:
     Attributes
     ----------
     name : its name in the vocabulary, e.g. ``coulomb_friction``.
-    kind : the kind of element where it acts, see :mod:`dtbacklash.physics.kinds`.
+    kind : the kind of element where it acts, see :mod:`dtbacklash.physics.element_kinds`.
     parameters : the first is its size and has a neutral value.
     law : the formula as text.
     slot : where it acts, with its compiled laws.
@@ -199,7 +199,7 @@ class Effect:
         shape; empty where it does.
     of_both_signs : the state that has to take both signs, or the law is another one.
     of_units : the SI units of the sensors that take it; empty: all.
-    declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
+    declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.user_laws`.
     refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
     covered : values -> state -> (lowest, highest) that it was made from, where that is known.
     turned : of a law with a phase, what it is half a turn further, where its size would be negative.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
-from dtbacklash.physics.kinds import ROTARY
+from dtbacklash.physics.element_kinds import ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Machine

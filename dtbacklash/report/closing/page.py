@@ -10,15 +10,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawn
 
-from dtbacklash.closing import COLUMNS, Closed
+from dtbacklash.closed_loop_check import COLUMNS, Closed
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.diagnosis.result import Diagnosis
 from dtbacklash.experiment.run import RunResult
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Link, Table
-from dtbacklash.report.kit.numbers import fixed, number, quantity
-from dtbacklash.report.kit.page import embedded, render
-from dtbacklash.report.kit.style import COLOUR, INK, MUTED, SERIES, new_figure, save, styled
+from dtbacklash.report.components.blocks import Block, Code, Figure, Link, Table
+from dtbacklash.report.components.numbers import fixed, number, quantity
+from dtbacklash.report.components.page import embedded, render
+from dtbacklash.report.components.style import COLOUR, INK, MUTED, SERIES, new_figure, save, styled
 from dtbacklash.report.run.words import as_yaml, describe, subjects
 
 HEADINGS = {
@@ -101,7 +101,10 @@ def found_in_words(diagnosis: Diagnosis) -> str:
 
 @styled
 def beliefs_figure(table: pd.DataFrame, runs: dict[str, RunResult | None]) -> Drawn:
-    """``table`` : columns as of :data:`dtbacklash.closing.COLUMNS`. runs : belief -> its run, None if it diverged."""
+    """``table`` : columns as of :data:`dtbacklash.closed_loop_check.COLUMNS`.
+
+    runs : belief -> its run, None if it diverged.
+    """
     figure = new_figure(4.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     _bars(left, table)

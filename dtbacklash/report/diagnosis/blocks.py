@@ -5,14 +5,17 @@ from __future__ import annotations
 from math import isfinite
 
 from dtbacklash import units
-from dtbacklash.diagnosis.named import Finding, Recalibrated
+from dtbacklash.diagnosis.findings import Finding, Recalibrated
+from dtbacklash.diagnosis.labels import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnosis.settings import SETTINGS
-from dtbacklash.diagnosis.words import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml
+from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Table
+from dtbacklash.report.components.intervals import interval
+from dtbacklash.report.components.numbers import change, number
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.words import (
     better_model,
@@ -22,9 +25,6 @@ from dtbacklash.report.diagnosis.words import (
     formula_values,
     grounds,
 )
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
-from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.numbers import change, number
 
 MODELS = ("nominal", "recalibrated", "extended", "modelled")
 #: from this many times the signal on, an error is only said to be over it

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.shown import Curve, LawShown
+from dtbacklash.diagnosis.plot_data import Curve, LawShown
 from dtbacklash.physics.effects.declare import name_in_words
-from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.style import INK, MUTED, envelope, line_up, new_figure, styled
+from dtbacklash.report.components.intervals import scaled, unit_in_signs
+from dtbacklash.report.components.style import INK, MUTED, envelope, line_up, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
 NOISE = r"noise ($\pm 2 \sigma$)"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dtbacklash.diagnosis.labels import listed
 from dtbacklash.diagnosis.result import Diagnosis
 from dtbacklash.diagnosis.settings import SETTINGS
-from dtbacklash.diagnosis.words import listed
-from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.components.intervals import interval
+from dtbacklash.report.components.numbers import number
 
 UNKNOWN_FORCE = (
     "N. R. Kristensen, H. Madsen, S. B. Jørgensen, A method for systematic improvement of stochastic grey-box models, "

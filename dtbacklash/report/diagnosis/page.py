@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Drawn
 
+from dtbacklash.diagnosis.explain.save import save
+from dtbacklash.diagnosis.labels import named_in_words
+from dtbacklash.diagnosis.plot_data import Curve
 from dtbacklash.diagnosis.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
-from dtbacklash.diagnosis.say.save import save
-from dtbacklash.diagnosis.shown import Curve
-from dtbacklash.diagnosis.words import named_in_words
+from dtbacklash.report.components.blocks import Block, Code, Figure, Part, Side
+from dtbacklash.report.components.page import embedded, fragment, render
+from dtbacklash.report.components.style import png
+from dtbacklash.report.components.style import save as save_figure
 from dtbacklash.report.diagnosis.blocks import folded, law_caption
 from dtbacklash.report.diagnosis.figures import NARROW, curve_figure, judged_figure, law_figure
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
@@ -30,10 +34,6 @@ from dtbacklash.report.diagnosis.words import (
     next_command,
     sensor_unit,
 )
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Part, Side
-from dtbacklash.report.kit.page import embedded, fragment, render
-from dtbacklash.report.kit.style import png
-from dtbacklash.report.kit.style import save as save_figure
 
 BADGES = {
     CONSISTENT: ("consistent", "good"),

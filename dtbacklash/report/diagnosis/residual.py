@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.shown import Curve
+from dtbacklash.diagnosis.plot_data import Curve
+from dtbacklash.report.components.intervals import scaled, unit_in_signs
+from dtbacklash.report.components.style import INK, MUTED, envelope, new_figure, styled
 from dtbacklash.report.diagnosis.figures import EXTENDED, NOISE, _broken
-from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.style import INK, MUTED, envelope, new_figure, styled
 
 #: lags of the autocorrelation; samples of a segment of the spectrum; 95 % of a normal distribution
 LAGS, SEGMENT, NORMAL95 = 100, 1024, 1.96

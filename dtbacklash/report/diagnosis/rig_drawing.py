@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 from numpy.typing import NDArray
 
-from dtbacklash.physics.kinds import GROUND
+from dtbacklash.physics.element_kinds import GROUND
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
+from dtbacklash.report.components.style import INK, MUTED, WIDTH, new_figure, styled
 from dtbacklash.report.diagnosis.words import percents
-from dtbacklash.report.kit.style import INK, MUTED, WIDTH, new_figure, styled
 
 HEAT = LinearSegmentedColormap.from_list("evidence", ["#ffffff", "#fde3c8", "#f6a55f", "#d55e00"])
 PITCH_MAX = 1.05  # inch from element to element

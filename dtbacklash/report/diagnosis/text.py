@@ -5,16 +5,16 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
-from dtbacklash.diagnosis.engine.values import NORMAL95
-from dtbacklash.diagnosis.named import Calibration
+from dtbacklash.diagnosis.engine.intervals import NORMAL95
+from dtbacklash.diagnosis.findings import Calibration
 from dtbacklash.diagnosis.records import COURSES
 from dtbacklash.diagnosis.result import Diagnosis
+from dtbacklash.report.components import tables
+from dtbacklash.report.components.blocks import Table
+from dtbacklash.report.components.intervals import interval, scaled
+from dtbacklash.report.components.numbers import change, number, percent
 from dtbacklash.report.diagnosis.blocks import in_each
 from dtbacklash.report.diagnosis.words import causes, error_text, failing, heading, left, together
-from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.intervals import interval, scaled
-from dtbacklash.report.kit.numbers import change, number, percent
 
 #: the same in a report of the fit, as lmfit does
 REPORTED_CORRELATION = 0.1

@@ -11,17 +11,17 @@ import numpy as np
 
 from dtbacklash import units
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.named import Finding, Recalibrated
+from dtbacklash.diagnosis.explain.next_experiment import DESIGN
+from dtbacklash.diagnosis.findings import Finding, Recalibrated
+from dtbacklash.diagnosis.labels import listed, named_in_words, one_of_in_words, other_in_words, place_in_words
+from dtbacklash.diagnosis.plot_data import Curve
 from dtbacklash.diagnosis.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
-from dtbacklash.diagnosis.say.next_experiment import DESIGN
-from dtbacklash.diagnosis.shown import Curve
-from dtbacklash.diagnosis.words import listed, named_in_words, one_of_in_words, other_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
-from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.intervals import degrees, interval
-from dtbacklash.report.kit.numbers import number, percent
+from dtbacklash.report.components.blocks import Table
+from dtbacklash.report.components.intervals import degrees, interval
+from dtbacklash.report.components.numbers import number, percent
 
 #: heads of the table of causes
 CAUSES = ("place", "law", "size, 95 % interval", "sure?", "explains#")

@@ -10,16 +10,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawn
 
-from dtbacklash.diagnosis.engine.search import LEAST
+from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.experiments.design import Design, Tried
 from dtbacklash.diagnosis.experiments.rivalry import Rivalry
-from dtbacklash.diagnosis.say.sentences import quantity
+from dtbacklash.diagnosis.explain.sentences import quantity
 from dtbacklash.files import write_json
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.element_kinds import KINDS
 from dtbacklash.physics.simulate import simulate_roughly
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
-from dtbacklash.report.kit.page import embedded, render
-from dtbacklash.report.kit.style import COLOUR, SERIES, envelope, new_figure, save, styled
+from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Table
+from dtbacklash.report.components.page import embedded, render
+from dtbacklash.report.components.style import COLOUR, SERIES, envelope, new_figure, save, styled
 
 #: rivals that the figure shows
 DRAWN = 3

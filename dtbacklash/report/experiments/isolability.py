@@ -11,12 +11,12 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure as Drawn
 
 from dtbacklash.diagnosis.experiments.isolability import ALIKE, SHOWS, Effect, Isolability
-from dtbacklash.diagnosis.say.sentences import quantity
-from dtbacklash.diagnosis.words import named_in_words
+from dtbacklash.diagnosis.explain.sentences import quantity
+from dtbacklash.diagnosis.labels import named_in_words
 from dtbacklash.files import json_able, write_json
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
-from dtbacklash.report.kit.page import embedded, render
-from dtbacklash.report.kit.style import INK, MUTED, new_figure, save, styled
+from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Table
+from dtbacklash.report.components.page import embedded, render
+from dtbacklash.report.components.style import INK, MUTED, new_figure, save, styled
 
 #: sentences that the terminal and the top of the page show
 SENTENCES = 8

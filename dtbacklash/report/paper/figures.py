@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from dtbacklash.experiment.metrics import StepMetrics
-from dtbacklash.report.kit.panels import finish_time_axis, gap_panel, novelty_panel, response_panel
-from dtbacklash.report.kit.style import COLOUR, INK, MUTED, envelope, legend_above, letter, panels, styled
+from dtbacklash.report.components.panels import finish_time_axis, gap_panel, novelty_panel, response_panel
+from dtbacklash.report.components.style import COLOUR, INK, MUTED, envelope, legend_above, letter, panels, styled
 
 
 @styled

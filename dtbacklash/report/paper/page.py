@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from dtbacklash.report.kit.blocks import Block, Figure, Items, Table, Tiles
-from dtbacklash.report.kit.numbers import number, powers
-from dtbacklash.report.kit.page import PAPER, embedded, render
+from dtbacklash.report.components.blocks import Block, Figure, Items, Table, Tiles
+from dtbacklash.report.components.numbers import number, powers
+from dtbacklash.report.components.page import PAPER, embedded, render
 
 #: number of the paper's figure: what it shows, and what to see in it
 CAPTIONS = {

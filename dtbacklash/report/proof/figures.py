@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from dtbacklash.physics.catalogue import CATALOGUE
-from dtbacklash.physics.kinds import KINDS
-from dtbacklash.prove.names import (
+from dtbacklash.physics.element_kinds import KINDS
+from dtbacklash.prove.name_scores import (
     ELSEWHERE,
     EXTRA,
     FAILED,
@@ -29,7 +29,7 @@ from dtbacklash.prove.names import (
 )
 from dtbacklash.prove.rules import SENSOR
 from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score, Share
-from dtbacklash.report.kit.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
+from dtbacklash.report.components.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
 
 PASS, MISS = "#00704f", "#b3261e"
 #: a share of fewer things says little: it is drawn open

@@ -12,14 +12,14 @@ from PIL import Image
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json, write_text
 from dtbacklash.prove import run
-from dtbacklash.prove.names import case_rows, confusion_rows
+from dtbacklash.prove.name_scores import case_rows, confusion_rows
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.score import Score
-from dtbacklash.report.kit import style
-from dtbacklash.report.kit.blocks import Block, Code, Table, Tiles
-from dtbacklash.report.kit.blocks import Figure as Shown
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import SHARES, embedded, render
+from dtbacklash.report.components import style
+from dtbacklash.report.components.blocks import Block, Code, Table, Tiles
+from dtbacklash.report.components.blocks import Figure as Shown
+from dtbacklash.report.components.numbers import number
+from dtbacklash.report.components.page import SHARES, embedded, render
 from dtbacklash.report.proof.figures import confusion_figure, errors_figure, shares_figure, visibility_figure
 from dtbacklash.report.proof.text import (
     HEADS,

@@ -6,9 +6,9 @@ import math
 
 from dtbacklash.prove.run import SCORING_FROM
 from dtbacklash.prove.score import Quantity, Score, Share
-from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.markdown import table
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.components.blocks import Table
+from dtbacklash.report.components.markdown import table
+from dtbacklash.report.components.numbers import number
 
 #: fewer recordings meet every bar by chance, or miss it
 ENOUGH = 20

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dtbacklash.control.margins import Curves, DesignedLoop
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.style import COLOUR, INK, MUTED, SERIES, letter, logarithmic, new_figure, png, styled
+from dtbacklash.report.components.numbers import number
+from dtbacklash.report.components.style import COLOUR, INK, MUTED, SERIES, letter, logarithmic, new_figure, png, styled
 
 #: frequencies of the figure, rad/s, and how far about the origin the Nyquist curve is looked at
 LOWEST_RAD_S, POINTS, REACH = 0.3, 900, 2.5

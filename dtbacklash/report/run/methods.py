@@ -5,9 +5,9 @@ from __future__ import annotations
 from dtbacklash.config.choices import NOVELTY_FILTERS, OPTIMIZERS
 from dtbacklash.config.run import RunConfig
 from dtbacklash.physics.catalogue import find
-from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import INTEGRATOR, PAPER
+from dtbacklash.report.components.intervals import interval
+from dtbacklash.report.components.numbers import number
+from dtbacklash.report.components.page import INTEGRATOR, PAPER
 from dtbacklash.report.run.words import has_gear, is_open
 
 #: structure -> how it is made

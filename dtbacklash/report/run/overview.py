@@ -14,8 +14,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
-from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.panels import (
+from dtbacklash.report.components.intervals import scaled, unit_in_signs
+from dtbacklash.report.components.panels import (
     finish_time_axis,
     gap_panel,
     index_panel,
@@ -23,7 +23,7 @@ from dtbacklash.report.kit.panels import (
     response_panel,
     voltage_panel,
 )
-from dtbacklash.report.kit.style import COLOUR, MUTED, envelope, legend_above, letter, new_figure, panels, styled
+from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above, letter, new_figure, panels, styled
 
 # dark to light without the palest end: a thin line must be seen on white, and the order in grey print too
 GAP_MAP = LinearSegmentedColormap.from_list("gap", ["#14365d", "#0072b2", "#3fa7a0", "#e0a100", "#d55e00"])

@@ -9,17 +9,17 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawn
 
 from dtbacklash.config.run import RunConfig
-from dtbacklash.kept import kept
-from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table, Tiles
-from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import embedded, render
-from dtbacklash.report.kit.style import save, save_png
+from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Table, Tiles
+from dtbacklash.report.components.intervals import scaled, unit_in_signs
+from dtbacklash.report.components.numbers import number
+from dtbacklash.report.components.page import embedded, render
+from dtbacklash.report.components.style import save, save_png
 from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import band_figure, moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.text import alarms, estimates_table, indexes_drawn, moves_table, network, pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open, subjects
+from dtbacklash.result_cache import kept
 
 ORIGIN = ("versions", "seed", "wall_s")
 SIGNALS = ("signal", "what it is", "lowest#", "highest#", "rms#", "unit")

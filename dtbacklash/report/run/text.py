@@ -10,10 +10,10 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from dtbacklash.config.run import RunConfig
-from dtbacklash.experiment.watch import INDEXES
-from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.numbers import fixed, number
+from dtbacklash.experiment.novelty_monitor import INDEXES
+from dtbacklash.report.components import tables
+from dtbacklash.report.components.blocks import Table
+from dtbacklash.report.components.numbers import fixed, number
 
 MOVE = ("move#", "at [s]#", "from [mm]#", "to [mm]#", "overshoot [%]#", "settling time [s]#", "peak voltage [V]#")
 ESTIMATE = ("event [s]#", "applied [s]#", "gap [deg]#", "true gap [deg]#", "verdict", "reason")

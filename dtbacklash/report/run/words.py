@@ -11,8 +11,8 @@ from dtbacklash.config import choices
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
 from dtbacklash.physics.catalogue import find
-from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.numbers import number, quantity
+from dtbacklash.report.components.blocks import Table
+from dtbacklash.report.components.numbers import number, quantity
 from dtbacklash.report.run.text import indexes_in_words
 
 DIGITS = 4  # of a setting in a sentence

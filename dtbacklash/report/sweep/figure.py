@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, SymmetricalLogLocator
 
-from dtbacklash.report.kit.style import INK, MARKERS, MUTED, SERIES, line_up, new_figure, save, styled
+from dtbacklash.report.components.style import INK, MARKERS, MUTED, SERIES, line_up, new_figure, save, styled
 
 PANELS = {
     "overshoot_pct_max": "largest\novershoot [%]",

@@ -8,11 +8,11 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from dtbacklash.diagnosis.words import listed
+from dtbacklash.diagnosis.labels import listed
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.blocks import Block, Figure, Link, Table, Tiles
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.components.blocks import Block, Figure, Link, Table, Tiles
+from dtbacklash.report.components.numbers import number
+from dtbacklash.report.components.page import embedded, render
 from dtbacklash.report.sweep.figure import PANELS, draw
 
 #: columns of the table that are no result

@@ -16,15 +16,15 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
-from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.columns import Columns
-from dtbacklash.diagnosis.engine.exact import Model, Problem
-from dtbacklash.diagnosis.engine.free import Key
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import readings
-from dtbacklash.diagnosis.engine.search import LEAST, STRICT
-from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.resampling import readings
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.selection import LEAST, STRICT
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
@@ -112,8 +112,8 @@ class _Tried:
     """A candidate after its fit. score : -2 log likelihood with log N for each of its parameters."""
 
     candidate: _Candidate
-    problem: Problem
-    model: Model
+    problem: FitProblem
+    model: FittedModel
     score: float
 
     @property
@@ -162,7 +162,7 @@ class _Bank:
             channels = tuple(c for c in self.rig.sensors if c in buffer.y)
             r = readings(buffer.u, buffer.y, channels, buffer.sample_time_s, 1, False, None, k)
             found.append(Predictor(self.rig, Simulated(replace(r, opened=gap - gaps_rad[-1]))))
-        self.bench = Bench(self.rig, tuple(found))
+        self.bench = Segments(self.rig, tuple(found))
         sizes, _ = self.bench.tuned(self.rig)
         self.motion: Motion = motion_of(self.bench, self.rig, self.bench.gains(self.rig, sizes))
         base = self._fitted(_Candidate("nothing", self.rig), sizes)
@@ -195,7 +195,9 @@ class _Bank:
 
     def _table_beside(self, tried: _Tried) -> float:
         """What the best law free of form would earn beside a change."""
-        ranked = Columns(self.bench, replace(tried.model, keys=()), tried.model.sizes, tables=True).ranked
+        ranked = CandidateSensitivities(
+            self.bench, replace(tried.model, keys=()), tried.model.sizes, tables=True
+        ).ranked
         return ranked[0].gain if ranked else 0.0
 
     def _tried(self) -> list[_Tried]:
@@ -219,18 +221,18 @@ class _Bank:
     def _laws(self) -> Iterator[_Candidate]:
         """The best laws by their columns, where little is forgiven."""
         model = self.base.model
-        for p in Columns(self.bench, model, self.bench.scaled(model.sizes, STRICT[-1])).ranked[:LAWS]:
+        for p in CandidateSensitivities(self.bench, model, self.bench.scaled(model.sizes, STRICT[-1])).ranked[:LAWS]:
             place, name = p.keys[0]
             try:
                 yield _Candidate(f"{name} {place}", p.put(model.rig), (), p.keys[0])
             except UserError:
                 continue
 
-    def _problem(self, candidate: _Candidate) -> Problem:
+    def _problem(self, candidate: _Candidate) -> FitProblem:
         """Free are the gap and what the candidate changes."""
         nominal = _freed(self.rig, candidate)
         keys = () if candidate.key is None else (candidate.key,)
-        return Problem(Bench(nominal, self.bench.predictors), candidate.rig, keys, self.motion, 1.0)
+        return FitProblem(Segments(nominal, self.bench.predictors), candidate.rig, keys, self.motion, 1.0)
 
     def _fitted(self, candidate: _Candidate, sizes: Sizes) -> _Tried | None:
         """Values at smaller and smaller sizes, then the likeliest sizes, and values at these."""

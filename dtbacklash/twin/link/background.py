@@ -17,7 +17,7 @@ from threading import Thread
 from types import TracebackType
 from typing import IO
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.twin.link.service import Answer, Answering, Reply, Request
 
@@ -75,7 +75,7 @@ class BackgroundTwin:
             code = pickle.load(back)
         except (OSError, EOFError) as error:
             raise Failure("pace", "real", "the twin's process cannot be started") from error
-        if code != sources.digest():
+        if code != source_hash.digest():
             raise UserError("pace", "real", "is for the effects of the package: the twin's process knows no others")
         self._thread = Thread(target=self._exchange, daemon=True)
         self._thread.start()

@@ -17,8 +17,8 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.config.run import OptimizerConfig, TwinConfig
 from dtbacklash.control.belief import Belief
-from dtbacklash.kept import kept
 from dtbacklash.physics.rig import Sensor
+from dtbacklash.result_cache import kept
 from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.gap.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
 from dtbacklash.twin.gap.observer import TwinModel, twin_model

@@ -7,7 +7,7 @@ import pickle
 import sys
 from typing import BinaryIO
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.twin.link.service import Answer, Answering, Request
 
 #: how much this process stands back behind the loop (0 to 19)
@@ -27,7 +27,7 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
     try:
         twin: Answering = pickle.load(requests)
         twin.warm_up()
-        _send(answers, sources.digest())
+        _send(answers, source_hash.digest())
         while True:
             _send(answers, _answer(twin, pickle.load(requests)))
     except (EOFError, BrokenPipeError):

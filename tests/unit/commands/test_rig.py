@@ -8,9 +8,9 @@ from PIL import Image
 from told import refusal
 
 from dtbacklash import cli
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.commands import rig as command
 from dtbacklash.config.groups import MACHINES
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 
 

@@ -8,7 +8,7 @@ import pytest
 from oracle import filter as oracle_filter
 from oracle import passes as oracle_passes
 
-from dtbacklash.diagnosis.engine import columns, predictor, simulated
+from dtbacklash.diagnosis.engine import candidates, predictor, rig_simulator
 from dtbacklash.physics import simulate as simulation
 
 #: of the largest size in a column; the two differ in the last bit at most, and where a machine does not run away that
@@ -95,9 +95,12 @@ def twice(monkeypatch: pytest.MonkeyPatch) -> Twice:
     both = Twice()
     monkeypatch.setattr(simulation, "run", both.filling("run", simulation.run, oracle_passes.run))
     for name, theirs in (("observe", "observe"), ("onwards", "onwards"), ("shown", "shown"), ("amplify", "amplified")):
-        ours = getattr(simulated, name)
-        monkeypatch.setattr(simulated, name, both.filling(name, ours, getattr(oracle_passes, theirs)))
-    for module, names in ((predictor, ("driven", "frozen", "opening", "riccati", "update")), (columns, ("answers",))):
+        ours = getattr(rig_simulator, name)
+        monkeypatch.setattr(rig_simulator, name, both.filling(name, ours, getattr(oracle_passes, theirs)))
+    for module, names in (
+        (predictor, ("driven", "frozen", "opening", "riccati", "update")),
+        (candidates, ("answers",)),
+    ):
         for name in names:
             ours, theirs = getattr(module, name), getattr(oracle_filter, name)
             tolerance = SOLVED.get(name, TOLERANCE)

@@ -12,8 +12,8 @@ from reference import rigs
 
 import dtbacklash
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import readings
-from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.resampling import readings
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig

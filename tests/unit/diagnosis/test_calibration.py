@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnosis import diagnose_records
-from dtbacklash.diagnosis.say.calibration import blind_said
+from dtbacklash.diagnosis.explain.calibration import blind_said
 
 
 def test_a_rig_is_calibrated_as_it_is_and_nothing_is_named(rig, clean):

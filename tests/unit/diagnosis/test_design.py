@@ -13,12 +13,12 @@ from told import refusal, refused
 
 import dtbacklash as dtb
 from dtbacklash import cli
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis import diagnose
 from dtbacklash.diagnosis.experiments.design import Limits, chosen, designed
 from dtbacklash.diagnosis.experiments.rivalry import Rival, Rivalry
+from dtbacklash.diagnosis.explain import next_experiment
 from dtbacklash.diagnosis.planning import Observed, OpenModel
-from dtbacklash.diagnosis.say import next_experiment
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.files import json_text, write_json
 from dtbacklash.physics.rig_file import rig_content, rig_yaml
 from dtbacklash.physics.simulate import simulate

@@ -7,7 +7,7 @@ import pytest
 from nominal import nominal_rig
 
 from dtbacklash.diagnosis import Record, diagnose, diagnose_records, pipeline
-from dtbacklash.diagnosis.seen import Seen
+from dtbacklash.diagnosis.predictions import Predictions
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -80,7 +80,7 @@ def test_one_effect_is_named(rig, place, effect, values):
 @pytest.mark.check
 def test_no_name_is_sure_where_the_extended_rig_does_not_stay_finite(rig, monkeypatch):
     truth = rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
-    monkeypatch.setattr(Seen, "errors", lambda self, rig, others=None: None)
+    monkeypatch.setattr(Predictions, "errors", lambda self, rig, others=None: None)
     found = diagnose_records(rig, [recorded(truth, seconds=4.0)])
     assert found.verdict == "unexplained"
     assert [(f.effect, f.confidence) for f in found.findings] == [("coulomb_friction", "partial")]

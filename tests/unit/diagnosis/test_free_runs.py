@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.readings import OPENING
+from dtbacklash.diagnosis.engine.resampling import OPENING
+from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.diagnosis.predictions import Predictions, bench_of
 from dtbacklash.diagnosis.records import Record
-from dtbacklash.diagnosis.seen import Seen, bench_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -36,10 +36,12 @@ def record_of(true: Rig, u: np.ndarray, seconds_before: float = 0.0) -> Record:
     return Record(STEP_S, u[first:], y, train, ~train)
 
 
-def seen(rig: Rig, record: Record, every: int = 1, forces: float = 1.0) -> Seen:
+def seen(rig: Rig, record: Record, every: int = 1, forces: float = 1.0) -> Predictions:
     """forces : unknown ones, of what a search begins with."""
-    bench: Bench = bench_of(rig, [record], [every])
-    return Seen(bench, [record], [every], rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), forces))
+    bench: Segments = bench_of(rig, [record], [every])
+    return Predictions(
+        bench, [record], [every], rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), forces)
+    )
 
 
 def with_filters(rig: Rig) -> Rig:

@@ -9,15 +9,15 @@ import pytest
 from told import refusal
 
 from dtbacklash import cli
+from dtbacklash.api.experiments import isolable
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.config.commands import IsolabilityConfig
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS
-from dtbacklash.diagnosis.engine.exact import Problem
+from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.experiments.isolability import SHOWS, isolability
 from dtbacklash.diagnosis.experiments.planned import planned
-from dtbacklash.face.experiments import isolable
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording
 
@@ -76,7 +76,7 @@ def test_an_effect_of_the_size_that_shows_is_five_standard_errors_in_an_exact_pa
 
     p = planned(drive, recording, 0.01)
     gains = p.bench.gains(p.bench.nominal, p.sizes)
-    problem = Problem(p.bench, p.bench.nominal, (), motion_of(p.bench, p.bench.nominal, gains), 1.0)
+    problem = FitProblem(p.bench, p.bench.nominal, (), motion_of(p.bench, p.bench.nominal, gains), 1.0)
     x = problem.start()
     base = problem.rows(x, gains)
     added = p.bench.nominal.with_effect(*key, {**effect.at, effect.parameter: effect.shows_from})

@@ -8,11 +8,11 @@ import diagnosed
 import numpy as np
 import pytest
 
-from dtbacklash.diagnosis.named import Alternative, Ground, Instead, Stands
+from dtbacklash.diagnosis.explain.save import save
+from dtbacklash.diagnosis.explain.sentences import summary
+from dtbacklash.diagnosis.findings import Alternative, Ground, Instead, Stands
+from dtbacklash.diagnosis.plot_data import Explained, FreeRunning, Left, ModelErrors
 from dtbacklash.diagnosis.result import UNEXPLAINED, Candidate, Located
-from dtbacklash.diagnosis.say.save import save
-from dtbacklash.diagnosis.say.sentences import summary
-from dtbacklash.diagnosis.shown import Explained, FreeRunning, Left, ModelErrors
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.experiment.rest import growth_ahead
 from dtbacklash.experiment.run import run_scenario
+from dtbacklash.experiment.settling import growth_ahead
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
 from dtbacklash.twin.link.service import Answer

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.config.groups import packaged_options
 from dtbacklash.errors import UserError
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.fmu.interface import INPUT, OUTPUT, PARAMETER, Export, base_unit, changed, variables
 
 BACKLASH = "rig.effects.gear.backlash.half_gap=0.2"

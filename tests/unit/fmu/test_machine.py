@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.fmu.machine import LATE_SAMPLES, Machine
 
 FRICTION = "rig.effects.motor_bearing.coulomb_friction.torque=0.02"

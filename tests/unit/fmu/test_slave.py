@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("pythonfmu")
 
-from dtbacklash.face.rigs import load_rig
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.fmu.interface import Export
 from dtbacklash.fmu.slave import CONTENT, RigSlave
 

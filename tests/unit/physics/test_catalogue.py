@@ -14,7 +14,7 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.body import GRAVITY
 from dtbacklash.physics.effects.declare import Place, Role
 from dtbacklash.physics.effects.table import KNOTS
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.element_kinds import KINDS
 
 PLACE = Place(
     values={"stiffness": 1e4, "damping": 30.0, "mass": 5.0, "resistance": 12.0}, duration_s=20.0,

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.cli import main
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.errors import UserError
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.physics.fmus import model_of
 
 pytest.importorskip("fmpy")

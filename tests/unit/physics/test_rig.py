@@ -15,7 +15,7 @@ from reference import rigs
 from told import refused
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
-from dtbacklash.diagnosis.engine.free import nominal_free
+from dtbacklash.diagnosis.engine.parameters import nominal_free
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.catalogue import CATALOGUE, find

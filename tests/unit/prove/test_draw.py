@@ -8,12 +8,12 @@ from told import refused
 
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.prove import draw as drawing
-from dtbacklash.prove import excitation, sizes
-from dtbacklash.prove.bench import Bench
+from dtbacklash.prove import effect_sizes, excitation
 from dtbacklash.prove.draw import draw, entries, record
+from dtbacklash.prove.effect_sizes import DESCRIPTIONS, unknown_entries
 from dtbacklash.prove.secret import KINDS, Secret
 from dtbacklash.prove.simulator.rig import EFFECTS
-from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries
+from dtbacklash.prove.testbench import Bench
 
 
 def test_the_same_seed_gives_the_same_secret_and_recording_to_the_last_bit(lead_screw, short):
@@ -100,13 +100,13 @@ def test_a_new_entry_of_the_catalogue_leaves_every_other_recording_as_it_was(lea
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("target", [3.0, 30.0, 300.0])
 def test_a_size_is_found_for_the_visibility_that_was_drawn(power, target):
-    size = sizes.strength_for(lambda s: 1e4 * s**power, target, 0.3, 1.0)
+    size = effect_sizes.strength_for(lambda s: 1e4 * s**power, target, 0.3, 1.0)
     assert 1e4 * size**power == pytest.approx(target, rel=0.25)
 
 
 def test_a_size_stays_where_the_loop_is_stable_and_the_effect_allowed():
-    assert sizes.strength_for(lambda s: s, 300.0, 0.3, 2.0) == 2.0
-    stable = sizes.strength_for(lambda s: 10.0 * s if s < 1.0 else math.inf, 300.0, 5.0, 100.0)
+    assert effect_sizes.strength_for(lambda s: s, 300.0, 0.3, 2.0) == 2.0
+    stable = effect_sizes.strength_for(lambda s: 10.0 * s if s < 1.0 else math.inf, 300.0, 5.0, 100.0)
     assert 0.3 < stable < 1.0
 
 

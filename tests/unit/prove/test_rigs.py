@@ -11,10 +11,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove import excitation, tuning
-from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import draw, entries, record
+from dtbacklash.prove.effect_sizes import unknown_entries
 from dtbacklash.prove.simulator.rig import check_concealable, simulate_other
-from dtbacklash.prove.sizes import unknown_entries
+from dtbacklash.prove.testbench import rms
 
 STEP_S = 1e-3
 OTHERS = (

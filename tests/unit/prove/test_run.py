@@ -7,7 +7,7 @@ import pytest
 from proved import COULOMB
 from told import refused
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.campaign.backends import Workers
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json
@@ -184,4 +184,4 @@ def test_recordings_of_another_rig_are_other_recordings(tmp_path):
     file.write_text("name: mine\ndescription: heavier\n")
     with pytest.raises(UserError, match="holds a proof of other recordings"):
         run.claim(plan)
-    assert sources.digest(("conf/rig",)) != sources.digest(("conf/no_such_folder",))
+    assert source_hash.digest(("conf/rig",)) != source_hash.digest(("conf/no_such_folder",))

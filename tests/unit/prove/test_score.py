@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from proved import BACKLASH, COULOMB, CUBIC, DEAD_ZONE, case, diagnosis, finding, oracle, perfect, secret
 
 from dtbacklash.files import json_able
-from dtbacklash.physics.kinds import KINDS
-from dtbacklash.prove.names import (
+from dtbacklash.physics.element_kinds import KINDS
+from dtbacklash.prove.name_scores import (
     ELSEWHERE,
     EXTRA,
     FAILED,

@@ -11,12 +11,12 @@ from reference.store import stored
 
 from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.simulate import simulate
-from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import entries
+from dtbacklash.prove.effect_sizes import DESCRIPTIONS, motion_of, unknown_entries
 from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
 from dtbacklash.prove.simulator.machine import machine
 from dtbacklash.prove.simulator.rig import simulate_other
-from dtbacklash.prove.sizes import DESCRIPTIONS, motion_of, unknown_entries
+from dtbacklash.prove.testbench import rms
 
 STEP_S, SECONDS = 1e-3, 1.0
 RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked", "served")

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from nominal import nominal_rig
 
+from dtbacklash.api.run_files import simulate_and_write
 from dtbacklash.config.compose import compose
 from dtbacklash.errors import UserError
-from dtbacklash.face.run_files import simulate_and_write
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.prove.conceal import conceal

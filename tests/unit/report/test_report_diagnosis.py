@@ -14,18 +14,18 @@ from nominal import nominal_rig
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnosis.named import Alternative, Blind, Calibration, Ground, Recalibrated, Stands
-from dtbacklash.diagnosis.shown import ModelErrors, RecordingUsed
+from dtbacklash.diagnosis.findings import Alternative, Blind, Calibration, Ground, Recalibrated, Stands
+from dtbacklash.diagnosis.plot_data import ModelErrors, RecordingUsed
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
+from dtbacklash.report.components import tables
+from dtbacklash.report.components.intervals import interval, scaled
+from dtbacklash.report.components.numbers import percent
 from dtbacklash.report.diagnosis import page as diagnosis_page
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 from dtbacklash.report.diagnosis.text import lines
 from dtbacklash.report.diagnosis.words import capital, causes, heading, left, next_command, percents
-from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.intervals import interval, scaled
-from dtbacklash.report.kit.numbers import percent
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))

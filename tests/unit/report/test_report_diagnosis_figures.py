@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.shown import Curve, LawShown
+from dtbacklash.diagnosis.plot_data import Curve, LawShown
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.rig import build_rig
+from dtbacklash.report.components.style import WIDTH
 from dtbacklash.report.diagnosis.figures import curve_figure, law_figure, zoom
 from dtbacklash.report.diagnosis.rig_drawing import GLYPHS, chain, draw_rig, label_width
-from dtbacklash.report.kit.style import WIDTH
 
 
 def curve(n=2000, held=1.4, **more):
@@ -106,7 +106,7 @@ def test_a_law_without_points_is_drawn_alone():
 
 
 def test_every_kind_of_element_has_a_glyph():
-    from dtbacklash.physics.kinds import KINDS
+    from dtbacklash.physics.element_kinds import KINDS
 
     missing = set(KINDS) - set(GLYPHS)
     assert missing <= {"base"}, f"elements drawn without a picture: {missing}"

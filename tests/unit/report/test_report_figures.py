@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 
 from dtbacklash.experiment.metrics import move_table, step_metrics
-from dtbacklash.report.kit import style
-from dtbacklash.report.kit.style import envelope
+from dtbacklash.report.components import style
+from dtbacklash.report.components.style import envelope
 from dtbacklash.report.paper import figures
 from dtbacklash.report.run import overview
 

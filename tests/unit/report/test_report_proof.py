@@ -15,7 +15,7 @@ from proved import COULOMB, CUBIC, case, diagnosis, finding, oracle, perfect, se
 from told import refused
 
 from dtbacklash.files import read_json
-from dtbacklash.prove.names import Cell, case_rows
+from dtbacklash.prove.name_scores import Cell, case_rows
 from dtbacklash.prove.score import Score, score
 from dtbacklash.report.proof import page as proof_page
 from dtbacklash.report.proof.figures import (

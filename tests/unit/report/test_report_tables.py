@@ -9,8 +9,8 @@ import pytest
 import synthetic
 
 from dtbacklash.experiment.metrics import move_table
-from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.numbers import fixed, number, powers, quantity
+from dtbacklash.report.components import tables
+from dtbacklash.report.components.numbers import fixed, number, powers, quantity
 from dtbacklash.report.paper.page import claims_table, failures
 from dtbacklash.report.run.text import estimates_table, moves_table
 from dtbacklash.report.sweep.page import terminal

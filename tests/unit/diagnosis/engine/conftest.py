@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtbacklash.diagnosis.engine.bench import Bench
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import readings
-from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.resampling import readings
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -38,9 +38,9 @@ def predictor_of(rig: Rig, u: np.ndarray, y: dict, every: int = 1, step_s: float
     return Predictor(rig, Simulated(readings(u, y, tuple(y), step_s, every, False)))
 
 
-def bench_of(rig: Rig, u: np.ndarray, y: dict) -> Bench:
+def bench_of(rig: Rig, u: np.ndarray, y: dict) -> Segments:
     """A bench of one stretch."""
-    return Bench(rig, (predictor_of(rig, u, y),))
+    return Segments(rig, (predictor_of(rig, u, y),))
 
 
 def with_sensors(rig: Rig, **sensors: dict[str, str]) -> Rig:

@@ -10,12 +10,12 @@ from reference.cases import SAMPLE_TIME_S, problems
 
 from dtbacklash.diagnosis.engine import attempts as guarded
 from dtbacklash.diagnosis.engine.attempts import attempt, attempts
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.exact import Problem
+from dtbacklash.diagnosis.engine.confidence import ConfidenceTest
+from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis
-from dtbacklash.diagnosis.engine.judge import Judge
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.search import Search
+from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE, simpler
 from dtbacklash.physics.effects.declare import Effect, Role
@@ -56,7 +56,7 @@ def test_every_law_is_simplified_at_every_kind(key, caplog):
     place, name = WITH[key].split()
     u = problem.u[:600]
     y = recorded(problem.rig, u, step_s=SAMPLE_TIME_S)
-    search = Search(Bench(problem.without, (predictor_of(problem.without, u, y, step_s=SAMPLE_TIME_S),)))
+    search = StepwiseSelection(Segments(problem.without, (predictor_of(problem.without, u, y, step_s=SAMPLE_TIME_S),)))
     search.now = replace(search.nothing, rig=problem.rig, keys=((place, name),))
     search.rules = replace(search.rules, alike=1e9)  # any simpler law that can be fitted does as well
     caplog.clear()
@@ -106,7 +106,7 @@ FRICTIONS = ("coulomb_friction", "stribeck_friction", "viscous_friction", "quadr
 BREAKS = {
     "start_values": (Effect, lambda effect, *_: effect.name == "gravity"),
     "put": (Hypothesis, lambda hypothesis, *_: hypothesis.effect.name not in FRICTIONS),
-    "__init__": (Problem, lambda problem, bench, rig, *_: _name("stribeck_friction")(rig)),
+    "__init__": (FitProblem, lambda problem, bench, rig, *_: _name("stribeck_friction")(rig)),
     "run": (Predictor, lambda predictor, rig, *_: _name("viscous_friction")(rig)),
     "tuned": (Predictor, lambda predictor, rig, *_: _name("quadratic_drag")(rig)),
 }  # fmt: skip
@@ -127,11 +127,11 @@ def test_a_proposal_that_breaks_costs_itself_alone(monkeypatch, caplog):
         monkeypatch.setattr(owner, method, breaks)
 
     rig, u = nominal_rig("pendulum"), command(5.0, 0.4)
-    search = Search(bench_of(rig, u, recorded(rig.with_effect(*COULOMB, {"torque": 0.02}), u)))
+    search = StepwiseSelection(bench_of(rig, u, recorded(rig.with_effect(*COULOMB, {"torque": 0.02}), u)))
     for method, (owner, when) in BREAKS.items():
         broken(owner, method, when)
     model = search.run()
-    found = Judge(search).judged()
+    found = ConfidenceTest(search).judged()
     assert raised == set(BREAKS)
     for method in BREAKS:
         assert any(method in record.getMessage() for record in caplog.records)

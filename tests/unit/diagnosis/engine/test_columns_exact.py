@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.columns import Columns
-from dtbacklash.diagnosis.engine.exact import Model, Problem
-from dtbacklash.diagnosis.engine.free import Key, apply, standing, taken_out
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.parameters import Key, apply, standing, taken_out
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import readings
-from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.resampling import readings
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.effects.table import VALUES, weights
 from dtbacklash.physics.rig import Rig
 
@@ -43,7 +43,7 @@ CASES = {
 
 
 @cache
-def looked_at(name: str) -> tuple[Rig, Bench, Model, Motion]:
+def looked_at(name: str) -> tuple[Rig, Segments, FittedModel, Motion]:
     """The nominal rig recalibrated on a recording of another, at sizes by likelihood."""
     case = CASES[name]
     rig = nominal_rig(case.rig)
@@ -52,10 +52,10 @@ def looked_at(name: str) -> tuple[Rig, Bench, Model, Motion]:
     return rig, bench, *recalibrated(rig, bench)
 
 
-def recalibrated(rig: Rig, bench: Bench) -> tuple[Model, Motion]:
+def recalibrated(rig: Rig, bench: Segments) -> tuple[FittedModel, Motion]:
     sizes, _ = bench.tuned(rig)
     motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    model = Problem(bench, rig, (), motion).ladder(sizes, None, (1.0,))
+    model = FitProblem(bench, rig, (), motion).ladder(sizes, None, (1.0,))
     assert model is not None
     return model, motion
 
@@ -66,7 +66,7 @@ each = pytest.mark.parametrize("name", list(CASES))
 @each
 def test_what_is_missing_is_ranked_first(name):
     _, bench, model, _ = looked_at(name)
-    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
     assert columns.ranked[0].keys == (CASES[name].key,)
     assert columns.ranked[0].gain > 1000.0
     gains = [p.gain for p in columns.ranked]
@@ -79,8 +79,10 @@ def test_what_is_missing_is_ranked_first(name):
 def test_exact_fits_find_the_values(name):
     rig, bench, model, motion = looked_at(name)
     case = CASES[name]
-    best = next(p for p in Columns(bench, model, bench.scaled(model.sizes, 0.1)).ranked if p.keys == (case.key,))
-    found = Problem(bench, best.put(rig), (case.key,), motion).ladder(model.sizes)
+    best = next(
+        p for p in CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1)).ranked if p.keys == (case.key,)
+    )
+    found = FitProblem(bench, best.put(rig), (case.key,), motion).ladder(model.sizes)
     values = found.rig.effect(*case.key)
     for parameter, value in case.values.items():
         near = {"abs": 0.02} if parameter == "phase" else {"rel": 0.01}
@@ -101,9 +103,9 @@ def test_a_gain_that_columns_promise_is_one_that_comes(name):
     """At the same sizes: the fall of the sum of squares of an exact fit, less what its parameters cost."""
     rig, bench, model, motion = looked_at(name)
     case = CASES[name]
-    (best,) = (p for p in Columns(bench, model, model.sizes).ranked if p.keys == (case.key,))
-    problem = Problem(bench, best.put(rig), (case.key,), motion)
-    nothing = Problem(bench, model.rig, (), motion)
+    (best,) = (p for p in CandidateSensitivities(bench, model, model.sizes).ranked if p.keys == (case.key,))
+    problem = FitProblem(bench, best.put(rig), (case.key,), motion)
+    nothing = FitProblem(bench, model.rig, (), motion)
     rows = nothing.rows(nothing.start(), bench.gains(model.rig, model.sizes))
     _, squares = problem.solve(model.sizes, problem.start(), 6)
     fall = float(rows @ rows) - squares - np.log(bench.count) * best.parts[0][0].counts
@@ -113,7 +115,7 @@ def test_a_gain_that_columns_promise_is_one_that_comes(name):
 def test_a_jacobian_is_how_rows_change():
     rig, bench, model, motion = looked_at("cubic")
     key = CASES["cubic"].key
-    problem = Problem(bench, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
+    problem = FitProblem(bench, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
     x, gains = problem.start(), bench.gains(rig, model.sizes)
     rows = problem.rows(x, gains)
     J = problem.jacobian(x, gains, rows)
@@ -142,7 +144,7 @@ def test_a_wrong_parameter_is_no_missing_law():
     bench = bench_of(rig, u, recorded(stiffer, u))
     model, _ = recalibrated(rig, bench)
     assert model.rig.config.parameters["k"].value == pytest.approx(1.05 * 1900.0, rel=0.005)
-    best = Columns(bench, model, model.sizes).ranked[0]
+    best = CandidateSensitivities(bench, model, model.sizes).ranked[0]
     assert best.gain < 0.02 * bench.count
 
 
@@ -153,16 +155,16 @@ def test_pairs_promise_what_no_single_does():
     u = command(8.0, 0.6)
     bench = bench_of(rig, u, recorded(true, u))
     model, motion = recalibrated(rig, bench)
-    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
     pairs = columns.pairs(columns.ranked[:5])
     assert pairs[0].keys == keys
     assert pairs[0].gain > columns.ranked[0].gain + 100.0
-    found = Problem(bench, pairs[0].put(rig), keys, motion).ladder(model.sizes)
+    found = FitProblem(bench, pairs[0].put(rig), keys, motion).ladder(model.sizes)
     assert found.rig.effect(*keys[0])["torque"] == pytest.approx(0.02, rel=0.01)
     assert found.rig.effect(*keys[1])["coefficient"] == pytest.approx(0.01, rel=0.01)
 
 
-class Kept(Columns):
+class Kept(CandidateSensitivities):
     """Columns that keep what was projected."""
 
     def _project(self, columns, e0, base, jacobian, data):
@@ -215,7 +217,7 @@ DRAG = 0.02
 
 
 @cache
-def dragged() -> tuple[Rig, Bench, Model, Motion]:
+def dragged() -> tuple[Rig, Segments, FittedModel, Motion]:
     """A disk under a drag that grows with the root of its speed, integrated here: no law of the catalogue."""
     rig, u, steps = nominal_rig("pendulum"), command(8.0, 0.5), 40
     at, speed, h = 0.0, 0.0, STEP_S / steps
@@ -235,12 +237,12 @@ def test_a_table_gains_more_than_any_name_where_no_name_is_right():
     key = ("disk", "speed_table")
     for share, more in ((1.0, 1.01), (0.1, 1.03)):
         sizes = bench.scaled(model.sizes, share)
-        names, tables = (Columns(bench, model, sizes, tables=tables).ranked for tables in (False, True))
+        names, tables = (CandidateSensitivities(bench, model, sizes, tables=tables).ranked for tables in (False, True))
         assert tables[0].keys == (key,)
         assert tables[0].gain > more * names[0].gain
     smooth = {key: tables[0].smooth}
-    found = Problem(bench, tables[0].put(model.rig), (key,), motion, smooth=smooth).ladder(model.sizes)
-    named = Problem(bench, names[0].put(model.rig), names[0].keys, motion).ladder(model.sizes)
+    found = FitProblem(bench, tables[0].put(model.rig), (key,), motion, smooth=smooth).ladder(model.sizes)
+    named = FitProblem(bench, names[0].put(model.rig), names[0].keys, motion).ladder(model.sizes)
     assert found.score < named.score - 1000.0
     assert named.score < model.score - 1000.0
     # it is held back in how it bends: it has less freedom than values
@@ -255,7 +257,7 @@ def test_a_table_gains_more_than_any_name_where_no_name_is_right():
 def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
     """The column of each value of a table, which the linear plant answers, against a difference of two passes."""
     _rig, bench, model, _ = dragged()
-    columns = Columns(bench, model, model.sizes, tables=True)
+    columns = CandidateSensitivities(bench, model, model.sizes, tables=True)
     gains = bench.gains(model.rig, model.sizes)
     h, _ = next(pair for pair in columns.hypotheses if pair[0].effect.name == "speed_table")
     made = columns._made(h, gains, bench.rows(model.rig, gains))
@@ -274,7 +276,7 @@ def test_a_model_that_comes_to_nothing_is_at_its_end():
     bench = bench_of(rig, u, recorded(rig, u))
     model, motion = recalibrated(rig, bench)
     key = ("disk", "viscous_friction")
-    found = Problem(bench, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).ladder(model.sizes)
+    found = FitProblem(bench, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).ladder(model.sizes)
     assert found.at_end or found.rig.effect(*key)["coefficient"] < 1e-4
     assert found.score > model.score
 
@@ -282,7 +284,7 @@ def test_a_model_that_comes_to_nothing_is_at_its_end():
 def test_a_rig_that_cannot_be_has_no_rows():
     rig, bench, model, motion = looked_at("gravity")
     key = CASES["gravity"].key
-    problem = Problem(bench, rig.with_effect(*key, {"torque": 0.05}), (key,), motion)
+    problem = FitProblem(bench, rig.with_effect(*key, {"torque": 0.05}), (key,), motion)
     x = problem.start()
     x[0] = np.nan
     with np.errstate(all="ignore"):
@@ -293,9 +295,9 @@ def test_a_rig_that_cannot_be_has_no_rows():
 def test_a_parameter_that_has_left_its_tolerance_begins_where_it_was_given_too():
     rig, bench, model, motion = looked_at("gravity")
     key = CASES["gravity"].key
-    free = Problem(bench, rig, (), motion).free
+    free = FitProblem(bench, rig, (), motion).free
     away = apply(rig, free, np.array([3.0 * (j == 0) for j in range(len(free))]))
-    problem = Problem(bench, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
+    problem = FitProblem(bench, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
     few = [problem.solve(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
     assert problem.start()[0] == pytest.approx(3.0)
     assert problem.solved(model.sizes, 1)[1] == min(few)
@@ -309,7 +311,7 @@ def test_a_rig_that_cannot_be_compiled_is_passed_over():
     bench = bench_of(rig, u, recorded(rig, u))
     sizes = (bench.predictors[0].first_sizes(),)
     proposed = rig.with_effect("mass_1", "ground_friction", {"force": 1.0})
-    problem = Problem(bench, proposed, (), motion_of(bench, rig, bench.gains(rig, sizes)))
+    problem = FitProblem(bench, proposed, (), motion_of(bench, rig, bench.gains(rig, sizes)))
     assert problem.better_start(sizes) == pytest.approx(problem.start())
     assert problem.solve(sizes, problem.start(), 2)[1] == np.inf
     assert problem.ladder(sizes) is None
@@ -326,10 +328,10 @@ def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recor
         u = command(8.0, 0.6, 1 + k)
         y = recorded(rig, u, seed=k)
         found.append(Predictor(nominal, Simulated(readings(u, y, tuple(y), STEP_S, 1, False, None, k))))
-    bench = Bench(nominal, tuple(found))
+    bench = Segments(nominal, tuple(found))
     assert bench.anywhere == (0, 1)
     model, _ = recalibrated(nominal, bench)
-    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
     pair = columns.pairs(columns.ranked[:3])[0]
     assert pair.keys == (cogging, weight)
     rig = pair.put(nominal)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.engine.bench import Bench
-from dtbacklash.diagnosis.engine.columns import Columns
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.efforts import Entry, efforts
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.predictor import Gains
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
 from .conftest import command, predictor_of, recorded
@@ -22,12 +22,12 @@ NEAR = 0.05
 
 
 @cache
-def along(name: str, every: int) -> tuple[Columns, list[Hypothesis], list[Gains], np.ndarray]:
+def along(name: str, every: int) -> tuple[CandidateSensitivities, list[Hypothesis], list[Gains], np.ndarray]:
     """What makes columns, all hypotheses, gains and innovations of a nominal rig's own recording."""
     rig, u = nominal_rig(name), command(8.0 * min(every, 2), RMS[name])
-    bench = Bench(rig, (predictor_of(rig, u, recorded(rig, u), every),))
+    bench = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
     gains = bench.gains(rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), 0.1))
-    columns = object.__new__(Columns)
+    columns = object.__new__(CandidateSensitivities)
     columns.bench, columns.rig, columns.motion = bench, rig, motion_of(bench, rig, gains)
     columns.plants = [bench.linear]
     return columns, list(hypotheses(bench, rig, columns.motion)), gains, bench.rows(rig, gains)

@@ -7,7 +7,7 @@ from nominal import nominal_rig
 from scipy.linalg import expm, solve_discrete_are
 
 from dtbacklash.diagnosis.engine.filter import answers, frozen, opening, riccati
-from dtbacklash.diagnosis.engine.simulated import linear_of
+from dtbacklash.diagnosis.engine.rig_simulator import linear_of
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.simulation import amplify
 from dtbacklash.physics.rig import Rig

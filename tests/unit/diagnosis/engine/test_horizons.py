@@ -5,7 +5,7 @@ import pytest
 from nominal import nominal_rig
 from scipy.signal import lfilter
 
-from dtbacklash.diagnosis.engine.exact import Problem
+from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.horizons import (
     CLIPPED,
     FOLLOWS,
@@ -34,7 +34,7 @@ def test_the_long_horizon_is_as_long_as_the_model_follows(torque):
     keys = (("load", "gravity"),) if torque else ()
     sizes, _ = bench.tuned(rig)
     motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    model = Problem(bench, rig, keys, motion).ladder(sizes, None, (1.0,))
+    model = FitProblem(bench, rig, keys, motion).ladder(sizes, None, (1.0,))
     found = Horizons(bench, motion, model)
     assert set(found.reference) == set(VIEWS)
     assert found.reference[LONG].sum() <= FOLLOWS * found.reference[SHORT].sum() * (1.0 + 1e-9)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.engine.bench import Bench
 from dtbacklash.diagnosis.engine.efforts import Entry, efforts
 from dtbacklash.diagnosis.engine.hypotheses import hypotheses, knots_of, unseen_positions
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
@@ -23,16 +23,16 @@ RIGS = {"pendulum": 0.4, "oscillator": 1.0, "two_mass_stage": 1.0, "rotary_drive
 each = pytest.mark.parametrize("name", list(RIGS))
 
 
-def bench(name: str, channels: tuple[str, ...] = (), seconds: float = 6.0) -> tuple[Rig, Bench]:
+def bench(name: str, channels: tuple[str, ...] = (), seconds: float = 6.0) -> tuple[Rig, Segments]:
     rig, u = nominal_rig(name), command(seconds, RIGS[name])
     return rig, bench_of(rig, u, {c: y for c, y in recorded(rig, u).items() if c in channels or not channels})
 
 
-def moved(rig: Rig, seen: Bench) -> Motion:
+def moved(rig: Rig, seen: Segments) -> Motion:
     return motion_of(seen, rig, seen.gains(rig, tuple(p.first_sizes() for p in seen.predictors)))
 
 
-def offered(rig: Rig, seen: Bench, **how) -> list:
+def offered(rig: Rig, seen: Segments, **how) -> list:
     return list(hypotheses(seen, rig, moved(rig, seen), **how))
 
 

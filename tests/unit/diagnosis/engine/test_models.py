@@ -17,17 +17,17 @@ import yaml
 from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
 import dtbacklash as dtb
-from dtbacklash.diagnosis.engine.columns import Columns
+from dtbacklash.api.rigs import load_rig
+from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.efforts import efforts
-from dtbacklash.diagnosis.engine.exact import Problem
+from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.motion import motion_of
+from dtbacklash.diagnosis.explain.found_model import found_model
+from dtbacklash.diagnosis.explain.observability_notes import beforehand
+from dtbacklash.diagnosis.parallel import on_cores, spread
+from dtbacklash.diagnosis.predictions import bench_of
 from dtbacklash.diagnosis.records import STEPPED, records_of, ways_to_read
-from dtbacklash.diagnosis.say.beforehand import beforehand
-from dtbacklash.diagnosis.say.found_model import found_model
-from dtbacklash.diagnosis.seen import bench_of
-from dtbacklash.diagnosis.spread import on_cores, spread
 from dtbacklash.errors import UserError
-from dtbacklash.face.rigs import load_rig
 from dtbacklash.physics import fmu_file
 from dtbacklash.physics.effects.slots import Contact, Passing
 from dtbacklash.physics.mjcf import mended, new_rig
@@ -315,9 +315,9 @@ def held(rig, level: float = 0.0) -> tuple:
 def test_columns_by_the_linear_part_are_those_of_passes(either):
     bench, sizes = held(either, 0.12)
     motion = motion_of(bench, either, bench.gains(either, sizes))
-    model = Problem(bench, either, (), motion).model(np.zeros(2), sizes, 0.0)
-    columns, gains = Columns(bench, model, sizes), bench.gains(either, sizes)
-    problem = Problem(bench, either, (), columns.motion)
+    model = FitProblem(bench, either, (), motion).model(np.zeros(2), sizes, 0.0)
+    columns, gains = CandidateSensitivities(bench, model, sizes), bench.gains(either, sizes)
+    problem = FitProblem(bench, either, (), columns.motion)
     x, kinds = problem.start(), set()
     rows = problem.rows(x, gains)
     for title, near in problem.leads(x, gains).items():
@@ -344,7 +344,7 @@ def test_a_friction_is_the_same_at_each_step_of_the_model(rig, tmp_path):
         bench, at = held(rig, 0.12)
         start = rig.with_effect("axle", "coulomb_friction", {"torque": 0.2})
         motion = motion_of(bench, rig, bench.gains(rig, at))
-        model = Problem(bench, start, [("axle", "coulomb_friction")], motion).ladder(at)
+        model = FitProblem(bench, start, [("axle", "coulomb_friction")], motion).ladder(at)
         sizes.append(model.rig.effects["axle"]["coulomb_friction"]["torque"])
     assert sizes == pytest.approx([0.12] * 3, rel=0.01)
 

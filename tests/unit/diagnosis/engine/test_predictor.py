@@ -7,10 +7,10 @@ import pytest
 from nominal import nominal_rig
 from scipy.linalg import expm, solve_discrete_are
 
-from dtbacklash.diagnosis.engine.bench import Bench
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import OPENING
-from dtbacklash.diagnosis.engine.simulated import linear_of
+from dtbacklash.diagnosis.engine.resampling import OPENING
+from dtbacklash.diagnosis.engine.rig_simulator import linear_of
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -340,7 +340,7 @@ def test_a_bench_stacks_stretches_and_sums_their_likelihoods():
     rig = nominal_rig("oscillator")
     pair = [command(s, 1.0, seed) for s, seed in ((5.0, 1), (12.0, 2))]
     parts = [bench_of(rig, u, recorded(rig, u)).predictors[0] for u in pair]
-    bench = Bench(rig, tuple(parts))
+    bench = Segments(rig, tuple(parts))
     sizes, value = bench.tuned(rig)
     assert value == pytest.approx(sum(p.tuned(rig)[1] for p in parts))
     rows = bench.rows(rig, bench.gains(rig, sizes))
@@ -363,7 +363,7 @@ def test_a_pass_that_goes_astray_is_none():
     rig, _u, p = predictor("oscillator")
     gains = p.gains(rig, p.first_sizes())
     wild = replace(gains, K=gains.K * -1e3)
-    bench = Bench(rig, (p,))
+    bench = Segments(rig, (p,))
     with np.errstate(all="ignore"):
         assert bench.rows(rig, [wild]) is None
         assert p.likelihood(rig, wild) >= 1e14

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnosis.engine.bench import Bench
 from dtbacklash.diagnosis.engine.predictor import Predictor
-from dtbacklash.diagnosis.engine.readings import Readings
-from dtbacklash.diagnosis.engine.simulated import Simulated, linear_of
+from dtbacklash.diagnosis.engine.resampling import Samples
+from dtbacklash.diagnosis.engine.rig_simulator import Simulated, linear_of
+from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.physics.rig import Rig
 
@@ -21,10 +21,10 @@ class Recursion:
 
     finely = True
 
-    def __init__(self, readings: Readings, start: np.ndarray) -> None:
+    def __init__(self, readings: Samples, start: np.ndarray) -> None:
         self.readings, self.start = readings, start
 
-    def on(self, readings: Readings) -> Recursion:
+    def on(self, readings: Samples) -> Recursion:
         return Recursion(readings, self.start)
 
     def linear(self, rig: Rig) -> Linear:
@@ -66,8 +66,8 @@ def test_a_predictor_asks_any_simulator_and_finds_the_same(name):
 
     assert isinstance(compiled.simulated, Simulated)
     for mine, its in ((plain, compiled), (plain.first(0.4), compiled.first(0.4))):
-        sizes, likelihood = Bench(rig, (its,)).tuned(rig)
-        found, same = Bench(rig, (mine,)).tuned(rig)
+        sizes, likelihood = Segments(rig, (its,)).tuned(rig)
+        found, same = Segments(rig, (mine,)).tuned(rig)
         assert same == pytest.approx(likelihood, rel=1e-6)
         assert found[0] == pytest.approx(sizes[0], abs=1e-6)
     Z = compiled.run(rig, compiled.gains(rig, sizes[0])).X

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
+from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis.engine.trajectory import Trajectory
-from dtbacklash.face.rigs import load_rig
 
 from .conftest import STEP_S, bench_of, command, recorded
 

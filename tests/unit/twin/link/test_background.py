@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtbacklash import sources
+from dtbacklash import source_hash
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.errors import Failure, UserError
@@ -21,7 +21,7 @@ from dtbacklash.twin.link.service import Request
 @pytest.fixture(autouse=True)
 def packaged(monkeypatch):
     """Laws that other tests of this process have declared are none of the twin's."""
-    monkeypatch.setattr(sources, "_foreign", set())
+    monkeypatch.setattr(source_hash, "_foreign", set())
 
 
 def twin(*words):
@@ -84,7 +84,7 @@ def test_the_process_goes_with_the_loop_whatever_ends_it():
 
 
 def test_an_effect_that_only_this_process_knows_is_refused(monkeypatch):
-    monkeypatch.setattr(sources, "_foreign", {"def law(): ..."})
+    monkeypatch.setattr(source_hash, "_foreign", {"def law(): ..."})
     with BackgroundTwin(twin()) as service, pytest.raises(UserError, match="effects of the package"):
         service.warm_up()
 
@@ -102,7 +102,7 @@ def test_the_worker_says_its_code_then_answers_until_its_input_ends():
     to.seek(0)
     worker.serve(to, back)
     back.seek(0)
-    assert pickle.load(back) == sources.digest()
+    assert pickle.load(back) == source_hash.digest()
     for event in (7, 9):
         assert without_times(pickle.load(back)) == without_times(made.answer(request(event)))
     assert back.read() == b""

@@ -1,0 +1,361 @@
+"""Values of a proposed rig: nominal parameters with priors, laws' sizes and shapes, and the sizes of what is unknown.
+
+Gauss and Newton's method, damped (Marquardt, SIAM J. 11 (1963) 431), on the whitened innovations of the exact predictor
+at given sizes, then the sizes by likelihood. At the sizes that a wrong rig needs the predictor forgives so much that a
+fit stops beside the optimum: so values are fitted first at smaller sizes (a ladder), and what is likelier is kept.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnosis.engine.motion import Motion
+from dtbacklash.diagnosis.engine.parameters import (
+    FreeParameter,
+    Key,
+    apply,
+    effect_free,
+    nominal_free,
+    standing,
+    taken_out,
+    zeros_free,
+)
+from dtbacklash.diagnosis.engine.predictor import Gains
+from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.parallel import spread
+from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.table import VALUES
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: priors of nominal parameters are so much stiffer until the last fit, or an inertia takes a law's place
+STIFF = 10.0
+#: rungs of the ladder: shares of the sizes
+LADDER = (0.1, 0.1, 0.1, 1.0)
+#: a step goes no further in x
+STEP_MAX = 1.0
+#: laws that are efforts over states of a body or a spring
+EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
+#: a fit ends where a step brings less (share of the sum of squares; sum of squares)
+ENOUGH = 1e-4, 20.0
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A fitted rig.
+
+    Attributes
+    ----------
+    keys : (place, effect) of what was added to the nominal rig. sizes : of unknown forces and noises.
+    loss : -2 log likelihood with priors. counts : degrees of freedom of what was added and of what is
+    each recording's own. score : loss + log N counts,
+    by which all models are compared (Schwarz, Ann. Statist. 6 (1978) 461). at_end : whether some law's value was not
+    chosen by the data. x, free : of the fit. smooth : table -> (KNOTS - 2, KNOTS) what holds back how it bends.
+    """
+
+    rig: Rig
+    keys: tuple[Key, ...]
+    sizes: Sizes
+    loss: float
+    counts: float
+    score: float
+    at_end: bool
+    free: tuple[FreeParameter, ...] = field(repr=False, default=())
+    x: Floats = field(repr=False, default_factory=lambda: np.zeros(0))
+    smooth: dict[Key, Floats] = field(repr=False, default_factory=dict)
+    stiff: float = STIFF
+
+
+class FitProblem:
+    """The values of one proposed rig on a bench.
+
+    keys : of what it has beside the nominal rig. held : whether what the nominal rig says stays as it is in the rig.
+    """
+
+    def __init__(
+        self, bench: Segments, rig: Rig, keys: Sequence[Key], motion: Motion, stiff: float = STIFF,
+        smooth: dict[Key, Floats] | None = None, held: bool = False,
+    ) -> None:  # fmt: skip
+        self.bench, self.base, self.keys, self.stiff = bench, rig, tuple(keys), stiff
+        self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
+        self.motion = motion
+        self.free = [] if held else nominal_free(bench.nominal, rig, bench.recordings)
+        self.free += zeros_free(bench.nominal, bench.spreads)
+        self.priors = len(self.free)
+        for key in self.keys:
+            self.free += effect_free(rig, key, motion(key[0]), bench.recordings)
+        # what belongs to one recording takes no law's place in the others
+        self.weights = np.array([stiff if f.recording is None else 1.0 for f in self.free[: self.priors]])
+
+    @property
+    def counts(self) -> int:
+        """Free parameters of what was added, and of what is each recording's own."""
+        own = sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors])
+        return len(self.free) - self.priors + own
+
+    def start(self) -> Floats:
+        """(free,) where the base rig stands."""
+        return np.array([standing(f, self.base) if f.prior else 0.0 for f in self.free])
+
+    def better_start(self, sizes: Sizes) -> Floats:
+        """The same, or with parameters as they were given: a wrong rig has moved them."""
+        here, given = self.start(), np.zeros(len(self.free))
+        if not here.any():
+            return here
+        try:
+            gains = self.bench.gains(self.base, sizes)
+        except (UserError, np.linalg.LinAlgError):
+            return here
+        costs = [np.inf if rows is None else rows @ rows for rows in (self.rows(x, gains) for x in (here, given))]
+        return given if costs[1] < costs[0] else here
+
+    def rig(self, x: Floats) -> Rig:
+        """The rig at x."""
+        return apply(self.base, self.free, x)
+
+    def beside(self, x: Floats) -> Floats:
+        """(rows,) of priors, and of how tables bend."""
+        rows = [self.weights * x[: self.priors]]
+        for key, root in self.smooth.items():
+            values = [f.value(xi) for f, xi in zip(self.free, x, strict=True) if f.key == key and f.name in VALUES]
+            rows.append(root @ np.array(values))
+        return np.concatenate(rows)
+
+    def rows(
+        self, x: Floats, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
+    ) -> Floats | None:
+        """Whitened innovations, then :meth:`beside`; None where the rig cannot be, or does not stay finite.
+
+        recording, others : see :meth:`.Segments.rows`.
+        """
+        try:
+            found = self.bench.rows(self.rig(x), gains, recording, others)
+        except (UserError, np.linalg.LinAlgError):
+            return None
+        return None if found is None else np.concatenate([found, self.beside(x)])
+
+    def column(self, j: int, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
+        """(rows,) derivative by one parameter; 0 where it cannot be moved."""
+        for step in (self.free[j].step, -self.free[j].step):
+            z = x.copy()
+            z[j] += step
+            there = self.rows(z, gains, self.free[j].recording, rows)
+            if there is not None:
+                return (there - rows) / step
+        return np.zeros_like(rows)
+
+    def jacobian(
+        self, x: Floats, gains: Sequence[Gains], rows: Floats, kept: Floats | None = None,
+        near: dict[str, Floats] | None = None,
+    ) -> Floats:  # fmt: skip
+        """(rows, free). kept : an earlier one whose nominal columns are used again. near : nominal columns of another
+        rig nearby, by title, without the rows beside."""
+        J = np.zeros((len(rows), len(self.free))) if kept is None else kept.copy()
+        data, asked = self.bench_rows, []
+        if near is None and kept is None and self.dear:
+            near = self.leads(x, gains)
+        for j, f in enumerate(self.free):
+            if f.prior and kept is not None:
+                continue
+            if f.prior and near is not None and (f.title in near or not self.dear):
+                J[:, j] = 0.0
+                if f.title in near:
+                    J[:data, j] = near[f.title]
+                J[data + j, j] = self.weights[j]
+                continue
+            asked.append(j)
+        some = spread if self.dear else map
+        for j, column in zip(asked, some(lambda j: self.column(j, x, gains, rows), asked), strict=True):
+            J[:, j] = column
+        return J
+
+    @property
+    def dear(self) -> bool:
+        """Whether passes are those of a simulator's model, and what it shows is its state."""
+        shown = {self.base.sensors[c].quantity for p in self.bench.predictors for c in p.readings.channels}
+        return bool(self.base.config.model) and shown <= {"position", "velocity"}
+
+    def leads(self, x: Floats, gains: Sequence[Gains], kept: bool = True) -> dict[str, Floats]:
+        """Columns of the rig's parameters by what they add to each sample, by title.
+
+        kept : see :meth:`.Predictor.leads`; else of the laws that are efforts over states as well.
+        """
+        rig, moved, per = self.rig(x), {}, {}
+        for j, f in enumerate(self.free):
+            law = f.effect and (kept or rig.effect(*f.key) is None or not isinstance(
+                find(rig.kind_at(f.place), f.effect, f.place).slot, EFFORTS))  # fmt: skip
+            if f.recording is not None or f.is_zero or law:
+                continue
+            for step in (f.step, -f.step):
+                z = x.copy()
+                z[j] += step
+                by = f.value(z[j]) - f.value(x[j])
+                if by:
+                    moved[f.title], per[f.title] = (self.rig(z), by), f.per_x(x[j])
+                    break
+        found = self.bench.leads(rig, moved, gains, kept) if moved else {}
+        return {title: per[title] * column for title, column in found.items()}
+
+    @property
+    def bench_rows(self) -> int:
+        """Rows that are innovations."""
+        return self.bench.innovations
+
+    def solve(self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+        """(values at given sizes, sum of squares); infinite where the start does not stay finite."""
+        try:
+            gains = self.bench.gains(self.base, sizes)
+        except (UserError, np.linalg.LinAlgError):
+            return x, np.inf
+        rows, damping = self.rows(x, gains), 1e-3
+        J: Floats | None = None
+        if rows is None:
+            return x, np.inf
+        if not self.free:
+            return x, float(rows @ rows)
+        turn, cut, own = 0, 0, [f.prior and f.recording is not None and not f.is_zero for f in self.free]
+        while turn - cut < steps:
+            J = self.jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
+            gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
+            taken: tuple[Floats, Floats] | None = None
+            for _ in range(5):
+                try:
+                    step = -np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
+                except np.linalg.LinAlgError:
+                    return x, here
+                there = self.rows(x + np.clip(step, -STEP_MAX, STEP_MAX), gains)
+                if there is not None and there @ there < here:
+                    taken = x + np.clip(step, -STEP_MAX, STEP_MAX), there
+                    break
+                damping = max(8.0 * damping, 1e-3)
+            if taken is None:
+                break
+            # what is one recording's own is hardly known: a step of it that is cut short is on its way still
+            cut += cut < steps and bool((np.abs(taken[0] - x)[own] >= STEP_MAX).any())
+            turn += 1
+            (x, rows), damping = taken, damping / 8.0
+            if here - rows @ rows < min(ENOUGH[0] * here, ENOUGH[1]):
+                break
+        return x, float(rows @ rows)
+
+    def solved(self, sizes: Sizes, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+        """The same from the better start; from both where a parameter has left its tolerance.
+
+        What is missing moves a parameter that is hardly known far away, and few steps do not bring it back.
+        """
+        both = (self.start(), np.zeros(len(self.free))) if np.abs(self.start()).max(initial=0.0) > 1.0 else (
+            self.better_start(sizes),)  # fmt: skip
+        return min((self.solve(sizes, x, steps, near) for x in both), key=lambda found: found[1])
+
+    def model(self, x: Floats, sizes: Sizes, likelihood: float) -> FittedModel:
+        """What came of a fit."""
+        rig, beside = self.rig(x), self.beside(x)
+        loss = likelihood + float(beside @ beside)
+        gone = any(rig.effect(*key) is None for key in self.keys)
+        at_end = gone or any(f.at_end(xi) for f, xi in zip(self.free, x, strict=True))
+        counts = self.degrees(x, sizes) if self.smooth else float(self.counts)
+        score = loss + np.log(self.bench.count) * counts
+        return FittedModel(
+            rig, self.keys, sizes, loss, counts, score, at_end, tuple(self.free), x, self.smooth, self.stiff
+        )
+
+    def degrees(self, x: Floats, sizes: Sizes) -> float:
+        """Degrees of freedom of what was added: of a table held back, the trace of what its values answer for."""
+        total = float(sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors]))
+        gains = self.bench.gains(self.base, sizes)
+        rows = self.rows(x, gains)
+        for key in self.keys:
+            there = [j for j, f in enumerate(self.free) if f.key == key]
+            if key not in self.smooth or rows is None:
+                total += len(there)
+                continue
+            J = np.column_stack([self.column(j, x, gains, rows) for j in there])
+            data = J[: self.bench_rows]
+            total += float(np.trace(np.linalg.lstsq(J.T @ J, data.T @ data, rcond=1e-12)[0]))
+        return total
+
+    def ladder(
+        self, sizes: Sizes, x: Floats | None = None, rungs: Sequence[float] = LADDER, steps: int = 5
+    ) -> FittedModel | None:
+        """Values at smaller sizes first, then sizes; None where nothing stays finite."""
+        x = self.start() if x is None else x
+        best: tuple[float, Floats, Sizes, float] | None = None
+        better = True
+        for turn, share in enumerate(rungs):
+            if turn and share < 1.0 and not better:
+                continue
+            at = self.bench.scaled(sizes, share)
+            found, squares = self.solve(at, x, steps)
+            better = False
+            if not np.isfinite(squares):
+                continue
+            rig = self.rig(found)
+            tuned, likelihood = self.bench.tuned(rig, at, steps=(2.0, 0.7) if share < 1.0 else (0.7, 0.25), refresh=1)
+            beside = self.beside(found)
+            loss = likelihood + float(beside @ beside)
+            if best is None or loss < best[0]:
+                better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
+        return None if best is None else self.model(*best[1:])
+
+
+def without_name(bench: Segments, model: FittedModel, key: Key) -> FittedModel:
+    """A model without one of its names, all else as it is, at the sizes that it then needs."""
+    rig = taken_out(model.rig, key)
+    keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
+    return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
+
+
+def as_given(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
+    """A model with the parameters that the nominal rig gives, its names fitted anew; None where it is not finite."""
+    known = nominal_free(bench.nominal, model.rig, bench.recordings)
+    rig = apply(model.rig, known, np.zeros(len(known)))
+    problem = FitProblem(bench, rig, model.keys, motion, model.stiff, model.smooth, held=True)
+    found = [problem.ladder(sizes, None, (1.0, 0.1, 1.0)) for sizes in (model.sizes, bench.tuned(rig)[0])]
+    return min((m for m in found if m is not None), key=lambda m: m.loss, default=None)
+
+
+def as_it_stands(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel:
+    """A model at the values of its rig and the likeliest sizes, with priors as stiff as where names are compared."""
+    problem = FitProblem(bench, model.rig, model.keys, motion, STIFF, model.smooth)
+    return problem.model(problem.start(), *bench.tuned(model.rig, model.sizes))
+
+
+def share_of(bench: Segments, model: FittedModel, key: Key) -> float:
+    """The part that a law makes of what acts at its place, or a sensor's error of what it reads.
+
+    Rms, or a tenth of its largest where it acts rarely.
+    """
+    entry = model.rig.takes(key[0])[key[1]]
+    if entry.is_delay:
+        return np.inf
+    most = 0.0
+    try:
+        bare = taken_out(model.rig, key)
+        all_gains = bench.gains(model.rig, model.sizes)
+    except UserError:
+        return np.inf
+    except np.linalg.LinAlgError:
+        return 0.0
+    for p, gains in zip(bench.predictors, all_gains, strict=True):
+        found = p.run(model.rig, gains)
+        n, v = len(p.linear.bodies), p.linear.speed
+        gaps = sum(bool(bare.active(place, slots.JointPlay)) for place in bare.effects)
+        needs = len(p.simulated.linear(bare).states) + 2 * gaps  # with position and speed in each
+        only_gap = isinstance(entry.slot, slots.JointPlay) and not gaps
+        if found.X.shape[1] != needs + 2 * only_gap:
+            return np.inf
+        X = found.X[:, :needs]
+        if key[0].startswith(SENSOR_PREFIX):
+            there = p.simulated.shown(model.rig, found.X)
+            made, whole = there - p.simulated.shown(bare, X), there.std(axis=0)
+        else:
+            there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
+            made = there - p.simulated.onwards(bare, X)[:-1, v : v + n]
+            whole = p.force / p.linear.inertia * p.readings.sample_time_s
+        size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
+        share = size / (whole + 1e-300)
+        most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
+    return most

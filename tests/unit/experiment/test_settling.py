@@ -1,0 +1,71 @@
+"""A gap that is too large is taken back before the loop has gone round in it for long."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from dtbacklash.config.compose import compose
+from dtbacklash.experiment.run import run_scenario
+from dtbacklash.experiment.settling import cycles
+from dtbacklash.twin.gap.estimate import Estimate
+from dtbacklash.twin.gap.guard import Attempt, Verdict
+from dtbacklash.twin.link.service import Answer, Reply
+
+
+@dataclass
+class Says:
+    """A twin that always answers with the same gap, rad."""
+
+    gap: float
+    waiting: list = field(default_factory=list)
+
+    def warm_up(self):
+        pass
+
+    def ask(self, request):
+        estimate = Estimate(self.gap, self.gap, 0.0, 0.0, 0.0, 0.0, math.inf, 1, True, "", 0.0)
+        answer = Answer((Attempt(estimate, Verdict(True, "sure"), self.gap),), True, 0.0)
+        self.waiting.append(Reply(request, answer))
+
+    def replies(self):
+        found, self.waiting = self.waiting, []
+        return found
+
+
+WORDS = ("controller=nimc_twin", "controller.internal_model=inner_loop", "profile=constant", "profile.start_deg=5",
+         "controller.gap_hat_deg=5", "reference.period_s=20", "duration_s=19", "twin.delay_s=0.5")  # fmt: skip
+
+
+def test_a_gap_in_which_the_loop_goes_round_is_taken_back():
+    result = run_scenario(compose(*WORDS), service=Says(math.radians(60)))
+    believed = result.trace.set_index("t_s")["gap_hat_deg"]
+    assert believed[13.0] == pytest.approx(60.0)  # in force from 11.5 s on
+    assert believed[15.0] == pytest.approx(5.0)
+    assert "taken back at 14.50 s" in result.estimates["reason"].iloc[0]
+    q3 = result.trace["q3_mm"].to_numpy()
+    assert np.ptp(q3[13500:14500]) > 0.1
+    assert np.ptp(q3[-500:]) < 0.02
+
+
+def test_a_gap_that_was_taken_back_is_not_believed_again():
+    result = run_scenario(compose(*WORDS[:-2], "twin.delay_s=0.5", "duration_s=39"), service=Says(math.radians(60)))
+    believed = result.trace.set_index("t_s")["gap_hat_deg"]
+    assert np.allclose(believed[15.0:], 5.0)
+    assert "taken back" in result.estimates["reason"].iloc[0]
+    assert "not put in force: the loop went round in 60.0 deg" in result.estimates["reason"].iloc[1]
+    assert math.isnan(result.estimates["applied_deg"].iloc[1])
+
+
+def test_a_gap_with_which_it_rests_is_kept():
+    result = run_scenario(compose(*WORDS), service=Says(math.radians(6)))
+    assert result.trace["gap_hat_deg"].iloc[-1] == pytest.approx(6.0)
+    assert result.estimates["reason"].iloc[0] == "sure"
+
+
+def test_what_decays_is_no_cycle():
+    t = np.arange(2000) * 1e-3
+    assert cycles(1.2 * np.sin(40 * t), 1.0)
+    assert not cycles(1.2 * np.exp(-2 * t) * np.sin(40 * t), 1.0)
+    assert not cycles(0.02 * np.sin(40 * t), 0.001)
