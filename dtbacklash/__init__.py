@@ -50,24 +50,24 @@ __all__ = [
 #: name -> the module that it is found in
 _FOUND_IN = {
     "Diverged": "errors",
-    "Found": "face.diagnose",
+    "Found": "api.diagnose",
     "Recording": "recording",
     "Rig": "physics.rig",
-    "Run": "face.run",
+    "Run": "api.run",
     "UserError": "errors",
-    "design": "face.experiments",
-    "diagnose": "face.diagnose",
-    "isolability": "face.experiments",
-    "load_rig": "face.rigs",
-    "plot_recording": "face.recordings",
-    "read_recording": "face.recordings",
-    "run": "face.run",
-    "save_rig": "face.rigs",
+    "design": "api.experiments",
+    "diagnose": "api.diagnose",
+    "isolability": "api.experiments",
+    "load_rig": "api.rigs",
+    "plot_recording": "api.recordings",
+    "read_recording": "api.recordings",
+    "run": "api.run",
+    "save_rig": "api.rigs",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of the face at its first use (PEP 562)."""
+    """Import a public name at its first use (PEP 562)."""
     if name not in _FOUND_IN:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_FOUND_IN[name]}"), name)

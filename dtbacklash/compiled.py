@@ -10,8 +10,8 @@ import hashlib
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
-from numba.core import event, sigutils
+from numba.core import sigutils
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -176,33 +176,6 @@ def kept(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return decorate
-
-
-@contextmanager
-def compiling() -> Iterator[Callable[[], float]]:
-    """Give a function that says how many seconds have been spent compiling since; loading from the cache is none."""
-    with event.install_listener("numba:compile", event.TimingListener()) as listener:
-        yield lambda: float(listener.duration) if listener.done else 0.0
-
-
-class _Running(event.Listener):
-    """Counts what is being compiled, in all threads."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def on_start(self, event: Any) -> None:
-        self.count += 1
-
-    def on_end(self, event: Any) -> None:
-        self.count -= 1
-
-
-@contextmanager
-def at_compiling() -> Iterator[Callable[[], bool]]:
-    """Give a function that says whether something is being compiled at this moment."""
-    with event.install_listener("numba:compile", _Running()) as listener:
-        yield lambda: listener.count > 0
 
 
 #: No fast-math: results repeat to the last bit.

@@ -45,4 +45,4 @@ def _state(module: str) -> tuple[str, ...]:
     """The code and the libraries that decide what a function of ``module`` gives beside its arguments."""
     drawn = module.startswith("dtbacklash.report.")
     versions = (importlib.metadata.version(name) for name in ("control", "numpy", "scipy", *["matplotlib"] * drawn))
-    return (source_hash.digest((module, "kept.py", *["report/components/house.mplstyle"] * drawn)), *versions)
+    return (source_hash.digest((module, "result_cache.py", *["report/components/house.mplstyle"] * drawn)), *versions)

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 KEPT, LEAST = 8, 2
 #: a time left is said where none of the earlier ones speaks for another one by more than this factor
 WITHIN = 2.0
-#: with more time spent compiling a diagnosis says nothing about the next one, s
-COMPILING_S = 1.0
 
 
 def file() -> Path:
@@ -93,7 +91,6 @@ def timed(
     tell: Tell, rig: Rig, recordings: Recording | Sequence[Recording], depth: str, jobs: int
 ) -> Iterator[Callable[[float, str], None]]:
     """Give what is told of a diagnosis to ``tell``, with the time left where it is known; keep how long it took."""
-    from dtbacklash.compiled import compiling
     from dtbacklash.recording import Recording
 
     each = [recordings] if isinstance(recordings, Recording) else recordings
@@ -105,7 +102,5 @@ def timed(
         known.reached(share)
         tell(share, text, known.left)
 
-    with compiling() as spent:
-        yield said
-        if spent() < COMPILING_S:
-            known.keep()
+    yield said
+    known.keep()

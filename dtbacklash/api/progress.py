@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Protocol, TypeAlias
 
@@ -82,17 +82,13 @@ class Remaining(ProgressColumn):
 class _Work:
     """Some work, as far as has been told of it."""
 
-    def __init__(self, what: str, compiles: bool) -> None:
+    def __init__(self, what: str) -> None:
         self.what, self.text, self.share, self.known, self.step = what, "", 0.0, "", ""
         self.begun, self.remaining = time.monotonic(), Remaining()
         self.verbose = log.isEnabledFor(logging.INFO)
-        self.compiling: Callable[[], bool] = lambda: False
-        self._listening, self._compiles = ExitStack(), compiles
 
     def tell(self, share: float, text: str = "", left: Left | None = None) -> None:
         """As :class:`Tell`; what is new of what is known is said at once, with ``-v`` each step as well."""
-        if self._compiles:
-            self._listen()
         self.share, (self.text, _, known) = share, text.partition(SO_FAR)
         self.remaining.told(share, left)
         if known and known != self.known and not self.verbose:
@@ -102,12 +98,6 @@ class _Work:
         if self.verbose and step != self.step:
             self.step = step
             log.info("%3.0f %%  %s", 100 * share, step if self.text else self.what)
-
-    def _listen(self) -> None:
-        from dtbacklash.compiled import at_compiling
-
-        self._compiles = False
-        self.compiling = self._listening.enter_context(at_compiling())
 
     def say_now_and_then(self, ended: threading.Event) -> None:
         """Lines on stderr until it has ended: of something new after ten seconds, of the same after a minute."""
@@ -119,13 +109,8 @@ class _Work:
                 gone = f"{100 * self.share:.0f} %, {duration(now - self.begun)} gone"
                 _print(", ".join(filter(None, (doing, gone, str(self.remaining)))))
 
-    def end(self) -> None:
-        """Stop listening to the compiler."""
-        self._listening.close()
-
     def __str__(self) -> str:
-        doing = f"{self.what}: {self.text}" if self.text else self.what
-        return f"{doing}, compiling" if self.compiling() else doing
+        return f"{self.what}: {self.text}" if self.text else self.what
 
 
 def _print(line: str) -> None:
@@ -147,15 +132,15 @@ class _Doing(ProgressColumn):
 
 
 @contextmanager
-def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
+def progress(what: str) -> Iterator[Tell]:
     """Give a function of the share done and of what is being done.
 
     In a terminal, or a notebook with widgets, a bar appears after 2 s, by itself: what is silent for long is seen to
     work. Elsewhere, as in a log, a line after 10 s of something new, and after a minute of nothing new. What is known
     so far, behind ``so far`` in a text, is a line of its own each time that it changes. With ``-v`` there are lines of
-    every step instead. ``compiles``: whether the compiled code is needed, which may have to be made first.
+    every step instead.
     """
-    console, work, ended = Console(stderr=True), _Work(what, compiles), threading.Event()
+    console, work, ended = Console(stderr=True), _Work(what), threading.Event()
     columns = _Doing(work), BarColumn(bar_width=WIDTH_OF_BAR), "{task.percentage:3.0f} %", TimeElapsedColumn()
     bar = Progress(*columns, work.remaining, console=console, transient=True)
     bar.add_task(what, total=1.0)
@@ -174,7 +159,6 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
             patience.join()
         if bar.live.is_started:  # else it would end with an empty line
             bar.stop()
-        work.end()
 
 
 def cores_of(jobs: int | None) -> int:

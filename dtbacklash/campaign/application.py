@@ -32,7 +32,7 @@ class Application:
         folder is None where nothing could be written, and ``do`` raised an error with its ``result``.
     mark : the file that a complete result holds.
     figures : the columns of the table, names in the row.
-    doing : what it does, for a bar of progress. compiles : whether code may have to be compiled first.
+    doing : what it does, for a bar of progress.
     progress : the bar, where it is another one than that of a command.
     finish : (folder, table, axes) writes the page and the figure of the whole sweep, each at once or not at all.
         The table has a row a job: the choices (the columns ``axes``), the figures, ``status``, ``error``, and
@@ -49,7 +49,6 @@ class Application:
     mark: str
     figures: tuple[str, ...]
     doing: str = ""
-    compiles: bool = True
     progress: Callable[[], AbstractContextManager[Any]] | None = None
     finish: Callable[[Path, pd.DataFrame, list[str]], None] | None = None
     complete: Callable[[list[str]], list[str]] = list

@@ -63,6 +63,4 @@ def fingerprint(config: DesignConfig) -> str:
     return settings_hash(config, [str(folder / "diagnosis.json"), str(folder / "rig.yaml"), *config.commands])
 
 
-APPLICATION = Application(
-    "design", fingerprint, do, show, MARK, FIGURES, "designing", compiles=False, complete=with_folder
-)
+APPLICATION = Application("design", fingerprint, do, show, MARK, FIGURES, "designing", complete=with_folder)

@@ -251,5 +251,5 @@ def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
 
 
 APPLICATION = Application(
-    "diagnose", fingerprint, do, show, MARK, FIGURES, "diagnosing", compiles=False, finish=finish, complete=with_rig
+    "diagnose", fingerprint, do, show, MARK, FIGURES, "diagnosing", finish=finish, complete=with_rig
 )

@@ -81,7 +81,7 @@ def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
     try:
-        bar = application.progress or (lambda: progress(application.doing, application.compiles))
+        bar = application.progress or (lambda: progress(application.doing))
         with bar() as tell:
             result, _ = application.do(settings, folder, command_line(name, overrides), tell)
     except UserError as error:

@@ -55,4 +55,4 @@ def fingerprint(config: IsolabilityConfig) -> str:
     return settings_hash(config, [config.command, config.reference.path])
 
 
-APPLICATION = Application("isolability", fingerprint, do, show, MARK, FIGURES, "looking ahead", compiles=False)
+APPLICATION = Application("isolability", fingerprint, do, show, MARK, FIGURES, "looking ahead")

@@ -119,7 +119,7 @@ def _fetch(name: str, only: str | None) -> None:
         raise UserError("recordings", only, "choose one of " + ", ".join(mapping.files))
     for file in mapping.files.values():
         if only is None or file.name == only:
-            with progress(f"fetching {file.name}", compiles=False) as tick:
+            with progress(f"fetching {file.name}") as tick:
                 print(shown_path(fetch(mapping, file, tick)))
     print(f"licence: {mapping.licence or '-'}")
     print(f"cite: {mapping.citation or '-'}")

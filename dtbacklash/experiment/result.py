@@ -85,13 +85,12 @@ class RunResult:
 class Walls:
     """Where the time went, s.
 
-    simulate : the compiled loop. estimate : asking the twin. compile : compiling, which only a first run on a machine
-    has to. total : all of it, with designing the controller and loading libraries and compiled code.
+    simulate : the loop. estimate : asking the twin. total : all of it, with designing the controller and loading
+    libraries.
     """
 
     simulate: float
     estimate: float
-    compile: float
     total: float
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
-from dtbacklash.compiled import compiling
 from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, settled
@@ -135,7 +134,7 @@ def run_scenario(
     Raises UserError: the rig or the combination makes no sense. Diverged: the loop is unstable.
     """
     started = time.perf_counter()
-    with compiling() as spent, ExitStack() as until_done:
+    with ExitStack() as until_done:
         rig = build_rig(config.rig)
         beliefs = beliefs_of(config) if beliefs is None else beliefs
         asked, config = config, settled(config, beliefs)
@@ -154,19 +153,16 @@ def run_scenario(
         if machine.plant.imposed:
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:
-            progress(0.0)  # all checks are done: from here on compiled code runs
+            progress(0.0)  # all checks are done
         twin.u = traces.u
         twin.warm_up()
-        machine.run(
-            inputs, traces, which, 0, 0, loop.GapInForce(0.0), (math.inf, math.inf), 0.0
-        )  # no sample: loads, or compiles
         if config.pace == "real":
             machine.clock = RealTime.of(config.samples, config.sample_time_s)
             until_done.enter_context(undisturbed())
         ready = time.perf_counter()
         _segments((asked, config), rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
-    walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
+    walls = Walls(end - ready - twin.wall_s, twin.wall_s, end - started)
     designed = DesignedLoop.of(config, design, beliefs.design) if design is not None else None
     result = collect(config, rig, designed, inputs, traces, which, twin.table(), walls, machine.watcher)
     if machine.clock is not None:

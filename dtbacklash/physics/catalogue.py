@@ -16,7 +16,6 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics import user_laws
 from dtbacklash.physics.effects import body, drive, sensor, servo, spring, table, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
-from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.element_kinds import KINDS, SENSOR, Kind
 
 #: where a user keeps laws of his own, below the current directory
@@ -68,7 +67,7 @@ def register(effect: Effect, foreign: bool = True) -> None:
     if effect.declared is not None and foreign:
         source_hash.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
     for law in effect.slot.laws().values() if effect.declared is None and foreign else ():
-        source_hash.note_foreign(plain_function(law))
+        source_hash.note_foreign(law)
     CATALOGUE[effect.kind, effect.name] = effect
     if not foreign:
         _FOUND.add(effect.name)

@@ -12,7 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Role, Values
 from dtbacklash.physics.effects.play import play
-from dtbacklash.physics.effects.slots import Law, arguments, plain_function
+from dtbacklash.physics.effects.slots import Law, arguments
 from dtbacklash.physics.effects.table import SHAPES, table_of, weights
 from dtbacklash.physics.element_kinds import KINDS
 
@@ -117,7 +117,7 @@ def _called(effect: Effect, law: Law, values: Values, **states: float) -> float:
     """A law at one point, in plain Python."""
     given = list(values.values())
     names = arguments(law, effect.slot.states, effect)
-    return float(plain_function(law)(*(states[n] if isinstance(n, str) else given[n] for n in names)))
+    return float(law(*(states[n] if isinstance(n, str) else given[n] for n in names)))
 
 
 def _asks_for(effect: Effect, law: Law) -> set[str]:
@@ -221,7 +221,7 @@ def _play(effect: Effect, slot: Any) -> Drawing:
     state, name, part = ("angle", slot.half_gap, 1.0) if of_gear else ("position", slot.width, 0.5)
 
     def effort(values: Values, element: Values, sweep: Floats) -> Floats:
-        function, out = plain_function(play), np.empty(len(sweep))
+        function, out = play, np.empty(len(sweep))
         last = float(sweep[0])
         for k, angle in enumerate(sweep):
             last = out[k] = function(last, float(angle), part * values[name])

@@ -87,7 +87,7 @@ def _states(rig: Rig, place: str, u: Floats, run: Response) -> dict[str, Floats]
         stretch = q[b] - element.lever * q[a]
         for effect, values in rig.active(place, slots.SpringPlay):
             assert isinstance(effect.slot, slots.SpringPlay)
-            law, own = slots.plain_function(effect.slot.law), [values[p.name] for p in effect.parameters]
+            law, own = effect.slot.law, [values[p.name] for p in effect.parameters]
             stretch = np.array([law(s, *own) for s in stretch])  # laws see what is left of it
         return {"stretch": stretch, "stretch_rate": v[b] - element.lever * v[a]}
     body = place if place in q else element.neighbours["drives"]

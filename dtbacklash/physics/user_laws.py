@@ -342,7 +342,7 @@ class _Declared:
         typical = {p.name: p.typical for p in self.parameters}
         neutral = typical | {p.name: p.neutral for p in self.parameters if p.neutral is not None}
         for formula, law in zip(self._formulas(), slot.laws().values(), strict=True):
-            function = slots.plain_function(law)
+            function = law
             for values, idle in ((typical, False), (neutral, True)):
                 tried: dict[str, Any] = {name: np.float64(value) for name, value in values.items()}
                 given = {name: (states | tried)[name] for name in formula.names}

@@ -6,7 +6,6 @@ from collections.abc import Collection
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording.pick import Picked
@@ -53,6 +52,8 @@ def resample(picked: Picked, held: Collection[str], linear: bool) -> None:
             f"than a quarter of the fastest period that {name} shows ({period:.3g} s): log more often, or take the "
             "rows before or after with recording.rows=[FIRST,LAST]"
         )
+    from scipy.interpolate import CubicSpline
+
     times = [np.arange(t[a], t[b - 1] + 1e-6 * step, step) for a, b in pieces]
     for name, values in channels.items():
         parts = []
@@ -72,6 +73,7 @@ def resample(picked: Picked, held: Collection[str], linear: bool) -> None:
 
 def fastest_period(t_s: Floats, values: Floats, step_s: float) -> float:
     """The shortest period that a signal at uneven times shows, s: faster ones hold a hundredth of its variance."""
+    from scipy.interpolate import CubicSpline
     from scipy.signal import detrend
 
     at = np.arange(t_s[0], t_s[-1], step_s)

@@ -45,7 +45,7 @@ def pretend(config, progress=None):
         "n_accepted": 0, "settles": True, "advice": [], "tracking_rms_mm": 0.0, "signals": SIGNALS,
         "overshoot_pct_max": np.float64(config.twin.delay_s), "settling_time_s_max": float("nan"),
         "peak_voltage_v": 4.5, "moves": [], "estimates": [], "seconds_simulated": config.duration_s,
-        "wall_s": {"simulate": 0.0, "estimate": 0.0, "compile": 0.0, "total": 0.0},
+        "wall_s": {"simulate": 0.0, "estimate": 0.0, "total": 0.0},
     }  # fmt: skip
     trace = pd.DataFrame(dict(zip(names, columns, strict=True)))
     sensors = {name: SimpleNamespace(name=name, unit="m", per_si=1.0) for name in SENSORS}

@@ -23,12 +23,10 @@ COUNTS, NOISE = {"theta_m": 2 * math.pi / 4096, "q3": 5e-7}, {"q3": 1e-6}
 
 def declare() -> None:
     """The effect, and its formula for the independent integrator."""
-    from dtbacklash.compiled import law
     from dtbacklash.physics import catalogue
     from dtbacklash.physics.effects.declare import Effect, Parameter, Role
     from dtbacklash.physics.effects.slots import BodyEffort
 
-    @law
     def weight(position, torque, phase):
         return torque * math.sin(position + phase)
 

@@ -196,11 +196,10 @@ def test_a_broken_file_is_made_anew(tmp_path, monkeypatch):
         file.write_bytes(b"broken")
 
 
-def test_compiling_is_measured_and_loading_is_not(tmp_path):
+def test_what_is_kept_on_disk_is_not_compiled_again(tmp_path):
     code = (
-        "from dtbacklash.compiled import compiled, compiling, copy, is_cold\nimport numpy as np\n"
-        "cold = is_cold(copy)\nwith compiling() as spent:\n    copy(np.ones(3), np.zeros(3))\n"
-        "print(cold, spent())"
+        "from dtbacklash.compiled import copy, is_cold\nimport numpy as np\n"
+        "cold = is_cold(copy)\ncopy(np.ones(3), np.zeros(3))\nprint(cold, copy.stats.cache_misses != {})"
     )
     answers = []
     for _ in range(2):
@@ -210,5 +209,4 @@ def test_compiling_is_measured_and_loading_is_not(tmp_path):
         )
         answers.append(answer.stdout.split())
     assert answers[0][0] == "True"
-    assert float(answers[0][1]) > 0.01
-    assert answers[1] == ["False", "0.0"]
+    assert answers[1][0] == "False"

@@ -75,7 +75,7 @@ def test_a_figure_that_is_kept_is_drawn_anew_when_the_look_of_the_house_changes(
     design_of, drawn_by = keeping._state("dtbacklash.control.design"), keeping._state("dtbacklash.report.run.loop")
     assert len(drawn_by) == len(design_of) + 1  # matplotlib's version
     keeping._state.cache_clear()
-    monkeypatch.setattr(keeping.sources, "digest", "+".join)
+    monkeypatch.setattr(keeping.source_hash, "digest", "+".join)
     assert "report" in keeping._state("dtbacklash.report.run.loop")[0]
     assert "report" not in keeping._state("dtbacklash.control.design")[0]
     keeping._state.cache_clear()

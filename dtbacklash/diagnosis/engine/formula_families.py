@@ -17,7 +17,6 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.effects.formula import Formula
-from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.effects.table import KNOTS, weights
 
 #: states between two knots at which a law and its table are compared
@@ -95,7 +94,7 @@ def _fitted(family: Family, grid: Floats, tabled: Floats, efforts: Floats, covar
     from scipy.optimize import OptimizeWarning, curve_fit
 
     checked = Formula(family.written("stretch", "", STEP * reach), ["stretch"], names, "family")
-    function = plain_function(checked.function())
+    function = checked.function()
 
     def at(states: Floats, *values: float) -> Floats:
         given = {**dict(zip(names, values, strict=True)), "stretch": states}

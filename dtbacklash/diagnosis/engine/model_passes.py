@@ -11,7 +11,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import kept
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.effects.slots import ROW_PARAMETERS
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.kernel import dispatch, numba_laws
 
 #: a state that large is lost
 LOST = 1e8
@@ -129,12 +129,12 @@ def stride(c, s, many):
     for e in range(len(c.efforts.at)):
         j, time = c.at[c.efforts.at[e]], c.begin + (s + 0.5 * many) * c.h
         at = c.q[j] + 0.5 * h * c.v[j]
-        c.push[j] += dispatch.body_effort(c.efforts.codes[e], at, c.v[j], time, c.efforts.numbers, e)
+        c.push[j] += numba_laws.body_effort(c.efforts.codes[e], at, c.v[j], time, c.efforts.numbers, e)
     c.friction[:] = c.still
     for e in range(len(c.levels.at)):
         j = c.at[c.levels.at[e]]
         side = 1.0 if c.v[j] >= 0.0 else -1.0
-        level = dispatch.friction_level(c.levels.codes[e], abs(c.v[j]), side, c.load[j], c.levels.numbers, e)
+        level = numba_laws.friction_level(c.levels.codes[e], abs(c.v[j]), side, c.load[j], c.levels.numbers, e)
         if many > 1:
             c.push[j] -= side * max(level, 0.0)
         else:
@@ -168,7 +168,7 @@ def show(c, y):
             y[i] = c.load[c.at[joint]]
     for e in range(len(c.reads.at)):
         i = c.reads.at[e]
-        y[i] = dispatch.shown(c.reads.codes[e], y[i], c.reads.numbers, e)
+        y[i] = numba_laws.shown(c.reads.codes[e], y[i], c.reads.numbers, e)
 
 
 @kept(nogil=True, forceinline=True)
@@ -261,10 +261,10 @@ def laws(found: list[tuple[int, Effect, Values]]) -> Laws:
     for row, (_, _, values) in zip(numbers, found, strict=True):
         row[: len(values)] = list(values.values())
     at, codes = ([one[0] for one in found], [dispatch.code_of(one[1]) for one in found])
-    return Laws(np.array(at, dtype=np.int64), dispatch.addressed(codes), numbers)
+    return Laws(np.array(at, dtype=np.int64), numba_laws.addressed(codes), numbers)
 
 
 @kept(nogil=True)
 def told_by(law, u, out):
     for k in range(len(u)):
-        out[k] = dispatch.amplified(law.codes[0], u[k], law.numbers, 0)
+        out[k] = numba_laws.amplified(law.codes[0], u[k], law.numbers, 0)

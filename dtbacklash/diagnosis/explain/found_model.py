@@ -15,7 +15,7 @@ from typing import Any
 from dtbacklash.physics import fmus
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
-from dtbacklash.physics.effects.slots import ROW, Law, arguments, plain_function
+from dtbacklash.physics.effects.slots import ROW, Law, arguments
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, mended, model_of, number_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -74,10 +74,10 @@ def _found_mjcf(rig: Rig) -> dict[str, str]:
                 plays[joint] = values[slot.width]
             elif isinstance(slot, slots.Contact) and not slots.asked(effect):
                 given = [list(values.values())[n] for n in arguments(slot.level, (), effect) if isinstance(n, int)]
-                frictions[joint] = frictions.get(joint, 0.0) + float(plain_function(slot.level)(*given))
+                frictions[joint] = frictions.get(joint, 0.0) + float(slot.level(*given))
             elif isinstance(slot, (slots.BodyEffort, slots.Contact, slots.Command)):
                 law = next(iter(slot.laws().values()))
-                _gather(plain_function(law), sources)
+                _gather(law, sources)
                 value = _call(effect, values, law)
                 if isinstance(slot, slots.Contact):
                     frictions.setdefault(joint, 0.0)
@@ -123,7 +123,7 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
             value = f"-{float(next(iter(values.values())))!r} * v"
             if not isinstance(slot, slots.BodyDamping):
                 law = next(iter(slot.laws().values()))
-                _gather(plain_function(law), sources)
+                _gather(law, sources)
                 value = _call(effect, values, law, FMU_STATES)
             if isinstance(slot, slots.Command):
                 u = f"found[{name.removeprefix(ACTUATOR_PREFIX)!r}]"
@@ -163,7 +163,7 @@ def _call(effect: Effect, values: Values, law: Law, states: Mapping[str, str] = 
     numbers = [float(v) for v in values.values()]
     names = arguments(law, effect.slot.states, effect)
     given = [repr(numbers[n]) if isinstance(n, int) else repr(numbers) if n == ROW else states[n] for n in names]
-    return f"{plain_function(law).__name__}({', '.join(given)})"
+    return f"{law.__name__}({', '.join(given)})"
 
 
 def _gather(function: Any, found: dict[str, str]) -> None:
@@ -172,7 +172,7 @@ def _gather(function: Any, found: dict[str, str]) -> None:
         return
     known = inspect.getclosurevars(function).globals
     for name, value in known.items():
-        inner = plain_function(value)
+        inner = value
         if isinstance(inner, types.FunctionType):
             _gather(inner, found)
         elif not isinstance(value, types.ModuleType):

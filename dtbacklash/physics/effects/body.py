@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import (
     REST_ERROR,
     Alias,
@@ -33,20 +32,17 @@ _HIGHER = "in the positive direction and lower by as much in the other."
 FRICTION_SOURCE = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083"
 
 
-@law
 def coulomb(level):
     """Dry friction's magnitude."""
     return level
 
 
-@law
 def stribeck(slip_speed, level, speed):
     """What dry friction has more at rest: ``level exp(-(slip_speed/speed)^2)``; Gaussian form of the Stribeck curve."""
     ratio = slip_speed / speed
     return level * math.exp(-ratio * ratio)
 
 
-@law
 def asymmetric_friction(velocity, viscous_difference, coulomb_difference):
     """What friction that differs between directions has beside its mean: ``-(coulomb_difference + d |v|)``.
 
@@ -57,19 +53,16 @@ def asymmetric_friction(velocity, viscous_difference, coulomb_difference):
     return -(coulomb_difference + viscous_difference * abs(velocity))
 
 
-@law
 def quadratic_drag(velocity, coefficient):
     """What a body in a fluid loses that is faster than it can creep: ``-c v |v|``."""
     return -coefficient * velocity * abs(velocity)
 
 
-@law
 def constant(effort):
     """A load that never changes."""
     return effort
 
 
-@law
 def gravity(position, torque, phase):
     """Torque of an off-centre mass, ``m g l sin(angle + phase)``. rad -> N m."""
     return torque * math.sin(position + phase)

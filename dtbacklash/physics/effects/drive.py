@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values, hardly_reached
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import Clipping, Command, Lag, Late, MotorTorque, WindingMemory
@@ -20,13 +19,11 @@ GAIN_ENDS = -0.95, 19.0
 DELAYS_SAMPLES = (0.3, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 
 
-@law
 def amplified(command, relative):
     """Voltage of an amplifier whose gain errs by ``relative``. V -> V."""
     return (1.0 + relative) * command
 
 
-@law
 def dead_zone(command, half_width):
     """Voltage behind a dead zone: 0 while ``|u| <= half_width``, shifted towards zero outside. V -> V."""
     if command > half_width:
@@ -36,25 +33,21 @@ def dead_zone(command, half_width):
     return 0.0
 
 
-@law
 def saturation(command, limit):
     """Voltage clipped to ``[-limit, limit]``. V -> V."""
     return min(max(command, -limit), limit)
 
 
-@law
 def heating_rate(memory, current, resistance, gain, time_constant):
     """Rate of the relative rise of a winding's resistance beside its decay ``-memory/time_constant``. A -> 1/s."""
     return gain * resistance * current * current / time_constant
 
 
-@law
 def voltage_of_heat(memory, current, resistance):
     """Voltage that the risen part of a winding's resistance eats. A -> V."""
     return resistance * memory * current
 
 
-@law
 def ripple_torque(current, position, torque_constant, relative, periods, phase):
     """Torque beside ``torque_constant current`` of a motor whose constant ripples with its angle. A, rad -> N m."""
     return torque_constant * current * periodic(position, relative, periods, phase)

@@ -1,7 +1,7 @@
 """Formulas that users write, as functions: read by a whitelist of what may stand in them, never evaluated as Python.
 
 A formula is numbers, ``pi``, names of states and parameters, ``+ - * / **``, brackets and the functions of
-:data:`FUNCTIONS`. Its tree (:mod:`ast`) is checked node by node, rebuilt from what is allowed, and compiled.
+:data:`FUNCTIONS`. Its tree (:mod:`ast`) is checked node by node, and rebuilt from what is allowed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from typing import Any, Final
 import numpy as np
 
 from dtbacklash import units
-from dtbacklash.compiled import kept
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.slots import Law
 
@@ -165,7 +164,7 @@ class Formula:
         return ast.Call(ast.Name(name, ast.Load()), given, [])
 
     def function(self) -> Law:
-        """The compiled function of its names, in their order; floats in, a float out."""
+        """The function of its names, in their order: of floats or arrays."""
         module = ast.parse(f"def formula({', '.join(self.names)}): pass")
         made = module.body[0]
         assert isinstance(made, ast.FunctionDef)
@@ -175,7 +174,8 @@ class Formula:
         space: dict[str, Any] = {"__name__": __name__, "__builtins__": {}, **_MADE_OF}
         exec(compile(module, f"<{self.key}>", "exec"), space)
         space["formula"].formula = self
-        return kept(_nrt=False)(space["formula"])
+        made_function: Law = space["formula"]
+        return made_function
 
     def program(self) -> list[tuple[str, Any]]:
         """The formula as operations of a stack machine, in the order in which it carries them out.

@@ -1,9 +1,6 @@
 """The play operator: backlash, wherever it is."""
 
-from dtbacklash.compiled import law
 
-
-@law
 def play(theta_d, theta_m, half_gap):
     """Next output of the play operator: the screw stays until the motor's tooth pushes it.
 

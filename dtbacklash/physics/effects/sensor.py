@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import (
     INF,
     REST_ERROR,
@@ -22,7 +21,6 @@ from dtbacklash.physics.effects.drive import GAIN_ENDS, GAIN_MAX, late
 from dtbacklash.physics.effects.slots import Filter, Reading, ShownPlay
 
 
-@law
 def scaled(reading, relative):
     """What a sensor shows whose gain errs by ``relative``."""
     return (1.0 + relative) * reading
@@ -33,7 +31,6 @@ def unscaled(reading, relative):
     return reading / (1.0 + relative)
 
 
-@law
 def shifted(reading, offset):
     """What a sensor shows that is off by ``offset``."""
     return reading + offset
@@ -44,7 +41,6 @@ def unshifted(reading, offset):
     return reading - offset
 
 
-@law
 def eccentric(reading, amplitude, phase):
     """What an encoder shows whose disk is off centre: an error once a turn, right at zero. rad -> rad."""
     return reading + amplitude * (math.sin(reading + phase) - math.sin(phase))

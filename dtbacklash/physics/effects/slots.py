@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dtbacklash.physics.effects.declare import Effect
     from dtbacklash.physics.effects.formula import Formula
 
-#: a compiled law: numba's dispatcher around a function of floats
+#: a function of floats; of arrays, too, where it only calculates
 Law = Callable[..., Any]
 
 #: parameters that a law of one's own has at most, and what a law is given at most
@@ -349,14 +349,9 @@ class Reading(Slot):
         return {"law": self.law}
 
 
-def plain_function(law: Law) -> Callable[..., Any]:
-    """The Python function behind a compiled law; it takes floats, and arrays where it only calculates."""
-    return getattr(law, "py_func", law)
-
-
 def formula_of(law: Law) -> Formula | None:
     """The formula that a law was made of; None where it is a function of Python."""
-    return getattr(plain_function(law), "formula", None)
+    return getattr(law, "formula", None)
 
 
 def asked(effect: Effect) -> set[str]:
@@ -372,7 +367,7 @@ def arguments(law: Law, states: tuple[str, ...], effect: Effect) -> list[str | i
     ------
     UserError : the law asks for what is neither.
     """
-    names, states = list(inspect.signature(plain_function(law)).parameters), (*states, ROW)
+    names, states = list(inspect.signature(law).parameters), (*states, ROW)
     known = [p.name for p in effect.parameters]
     rest = [name for name in names if name not in states]
     if all(name in known or name == "size" for name in rest):

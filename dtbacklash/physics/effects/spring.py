@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.compiled import law
 from dtbacklash.physics.effects.body import coulomb
 from dtbacklash.physics.effects.declare import (
     REST_ERROR,
@@ -29,7 +28,6 @@ SOFTEST = 0.3
 HIT = 0.999
 
 
-@law
 def lost_motion(stretch, total):
     """What is left of a stretch behind a play that springs back to its middle: :func:`play` from rest. m -> m."""
     return play(0.0, stretch, 0.5 * total)
@@ -39,31 +37,26 @@ def lost_motion(stretch, total):
 PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25, 0.4, 0.6)
 
 
-@law
 def cubic_stiffness(stretch, k3):
     """Force of a hardening (k3 > 0) or softening spring: ``k3 stretch^3``. m -> N."""
     return k3 * stretch * stretch * stretch
 
 
-@law
 def quadratic_damping(stretch_rate, c2):
     """Force of a turbulent damper: ``c2 |rate| rate``. m/s -> N."""
     return c2 * abs(stretch_rate) * stretch_rate
 
 
-@law
 def bumper(stretch, stiffness, clearance):
     """Force of a one-sided elastic stop that touches at ``stretch = clearance``. m -> N."""
     return stiffness * (stretch - clearance) if stretch > clearance else 0.0
 
 
-@law
 def stiffness_drift(stretch, time, spring_stiffness, rate):
     """Force that a linear spring gains when its stiffness drifts as ``k (1 + rate t)``. m, s -> N."""
     return spring_stiffness * rate * time * stretch
 
 
-@law
 def bouc_wen_after(memory, change, displacement):
     """The dimensionless hysteretic variable z, n = 1, A = 1, beta = gamma = 1/2, after a change of the stretch.
 
@@ -77,7 +70,6 @@ def bouc_wen_after(memory, change, displacement):
     return side * (z + (z - 1.0) * math.expm1(free - far))
 
 
-@law
 def bouc_wen_force(memory, size):
     """Force of the hysteretic variable. 1 -> N."""
     return size * memory

@@ -14,7 +14,6 @@ from itertools import pairwise
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import inlined, law
 from dtbacklash.physics.effects.body import HIGH
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, Values
 from dtbacklash.physics.effects.formula import SHORT
@@ -29,7 +28,6 @@ FAR = 1e12
 SOURCE = "Catmull and Rom, Computer Aided Geometric Design (1974) 317"
 
 
-@inlined
 def interpolated(state, row):
     """The table ``row`` (its values, then the states of its knots) at a state."""
     if not state > row[KNOTS]:
@@ -55,49 +53,41 @@ def interpolated(state, row):
     return row[k] + w * (first + w * (3.0 * rise - 2.0 * first - last + w * (first + last - 2.0 * rise)))
 
 
-@law
 def over_speed(velocity, row):
     """An effort over the speed of a body."""
     return interpolated(velocity, row)
 
 
-@law
 def over_position(position, row):
     """An effort over the position of a body."""
     return interpolated(position, row)
 
 
-@law
 def damping_over_position(position, velocity, row):
     """A damping that depends on the position of a body, times its speed."""
     return interpolated(position, row) * velocity
 
 
-@law
 def over_stretch(stretch, row):
     """A spring's effort over its stretch."""
     return interpolated(stretch, row)
 
 
-@law
 def over_stretch_rate(stretch_rate, row):
     """A spring's effort over the rate of its stretch."""
     return interpolated(stretch_rate, row)
 
 
-@law
 def damping_over_stretch(stretch, stretch_rate, row):
     """A damping that depends on the stretch of a spring, times its rate."""
     return interpolated(stretch, row) * stretch_rate
 
 
-@law
 def stiffness_over_rate(stretch, stretch_rate, row):
     """A stiffness that depends on the rate of a spring's stretch, times the stretch."""
     return interpolated(stretch_rate, row) * stretch
 
 
-@law
 def beside_command(command, row):
     """The command with a voltage over it added. V -> V."""
     return command + interpolated(command, row)
@@ -127,7 +117,7 @@ STATE = {"speed": "v", "position": "q", "stretch": "s", "stretch rate": "ds", "c
 
 def weights(states: Floats, knots: Floats) -> Floats:
     """(N, KNOTS) what each value of a table over these knots adds at these states: the law is linear in them."""
-    function = interpolated.py_func
+    function = interpolated
     return np.array([[function(float(s), [*unit, *knots]) for unit in np.eye(KNOTS)] for s in states])
 
 
@@ -188,8 +178,10 @@ def _tables(
     return [_table(name, kind, units[name], slot(function)) for kind in kinds for name, function in laws.items()]
 
 
-_BODY = {"speed_table": over_speed, "position_table": over_position, "position_damping_table": damping_over_position}
-_SPRING = {
+_BODY: dict[str, Law] = {
+    "speed_table": over_speed, "position_table": over_position, "position_damping_table": damping_over_position,
+}  # fmt: skip
+_SPRING: dict[str, Law] = {
     "stretch_table": over_stretch, "stretch_rate_table": over_stretch_rate,
     "stretch_damping_table": damping_over_stretch, "rate_stiffness_table": stiffness_over_rate,
 }  # fmt: skip

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import REST_ERROR, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic, periodic_slope
 from dtbacklash.physics.effects.slots import GearPlay, JointPlay, Lead, Passing, Reaction, Yielding
@@ -18,19 +17,16 @@ LOSSES, LOSS_MAX = (0.05, 0.25), 0.5
 PLAYS, PLAY_LEAST, PLAY_MAX = (0.003, 0.01, 0.03), 5e-4, 0.2
 
 
-@law
 def pitch_error(angle, amplitude, periods, phase):
     """Displacement beyond the lead, zero at zero. rad -> m."""
     return periodic(angle, amplitude, periods, phase) - periodic(0.0, amplitude, periods, phase)
 
 
-@law
 def pitch_slope(angle, amplitude, periods, phase):
     """Derivative of :func:`pitch_error` by the angle. rad -> m/rad."""
     return periodic_slope(angle, amplitude, periods, phase)
 
 
-@law
 def loss(load, share):
     """Level of a dry friction that grows with the effort that is passed on."""
     return share * abs(load)

@@ -11,7 +11,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.core.library import LAWS, buffer, ffi, lib
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
-from dtbacklash.physics.effects.slots import ROW, ROW_PARAMETERS, Law, Slot, formula_of, plain_function
+from dtbacklash.physics.effects.slots import ROW, ROW_PARAMETERS, Law, Slot, formula_of
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 
@@ -45,7 +45,7 @@ def core_law(law: Law, slot: type[Slot]) -> Called:
     ------
     KeyError : there is none of that name in the slot.
     """
-    name = plain_function(law).__name__
+    name = law.__name__
     if name not in LAWS or LAWS[name][0] != slot.__name__:
         raise KeyError(f"laws.c has no law `{name}` of {slot.__name__}")
     return Called(ffi.cast(_FUNCTION, getattr(lib, name)))
@@ -69,7 +69,6 @@ def of_others(code: int) -> list[Called]:
 
 def called(slot: type[Slot], code: int) -> list[Called]:
     """What is called for the laws of a code, field by field."""
-    code = dispatch.ADDRESSES[code][0] if code in dispatch.ADDRESSES else code
     # a class is hashable, whatever mypy reads off its instances
     return of_others(code) if code < 0 else of_package(slot, code)  # type: ignore[arg-type]
 
@@ -89,7 +88,9 @@ def _of_other(law: Law, names: tuple[str | int, ...], slot: type[Slot]) -> Calle
     ]
     from numba import cfunc
 
-    space: dict[str, Any] = {"law": law}
+    from dtbacklash.physics.kernel.numba_laws import jitted
+
+    space: dict[str, Any] = {"law": jitted(law)}
     exec(f"def called(at, p):\n    return float(law({', '.join(given)}))", space)
     made = cfunc("float64(CPointer(float64), CPointer(float64))", error_model="numpy")(space["called"])
     return Called(ffi.cast(_FUNCTION, made.address), ffi.NULL, made)

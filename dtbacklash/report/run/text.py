@@ -25,8 +25,6 @@ TITLES = {
     "motor": "torque left over on the motor, rms",
     "structure": "output error behind the gap, rms",
 }
-#: compiling for longer than this is told, s
-WORTH_TELLING_S = 1.0
 #: a run in real time that keeps fewer of its deadlines was none (share)
 IN_REAL_TIME_SHARE = 0.99
 
@@ -96,8 +94,6 @@ def summary_line(summary: dict[str, Any]) -> str:
         parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
     seconds, wall = summary.get("seconds_simulated"), summary.get("wall_s", {})
     parts.append(f"{number(seconds)} s simulated in {number(wall.get('simulate', 0.0) + wall.get('estimate', 0.0))} s")
-    if (compiled := wall.get("compile", 0.0)) >= WORTH_TELLING_S:
-        parts.append(f"after {number(compiled)} s of compiling, once")
     return f"{summary.get('controller')}: " + ", ".join(parts)
 
 

@@ -146,7 +146,7 @@ def diagnose_buffers(belief: Belief, buffers: Sequence[Buffer], gaps_rad: Sequen
 
 
 def warm_up(belief: Belief, sensors: Sequence[str], sample_time_s: float) -> None:
-    """Load (the first time: compile) what a diagnosis needs."""
+    """Load what a diagnosis needs."""
     u = np.sin(0.1 * np.arange(500))
     _Bank(belief, [Buffer(u, dict.fromkeys(sensors, 0.001 * u), sample_time_s)], [0.0]).said()
 

@@ -160,7 +160,7 @@ class Twin:
         return cls(model, settings, optimizer, (bent, linear))
 
     def warm_up(self) -> None:
-        """Load (the first time: compile) what an estimate needs."""
+        """Load what an estimate needs."""
         warm_up(self.model, self.optimizer)
 
     def answer(self, request: Request) -> Answer:

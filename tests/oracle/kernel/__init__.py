@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dtbacklash.physics.kernel.dispatch import addressed
+from dtbacklash.physics.kernel.numba_laws import addressed
 
 
 def with_addresses(plant):

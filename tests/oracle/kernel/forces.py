@@ -1,7 +1,7 @@
 """The forces that act beside the linear plant: every law of the rig's effects, summed into channels."""
 
 from dtbacklash.compiled import compiled, inlined
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
 
 #: a screw whose friction grows faster than what drives it would jam: what it gives way is not less than this share
@@ -15,8 +15,8 @@ def base_motion(P, x, contact, theta_d, theta_d_rate):
     d, rate = lead * theta_d, lead * theta_d_rate
     place = P.slot[pl.LEAD]
     for e in range(P.first[place], P.first[place + 1]):
-        d += dispatch.lead_error(P.law[e, 0], theta_d, P.law_p, e)
-        rate += dispatch.lead_slope(P.law[e, 0], theta_d, P.law_p, e) * theta_d_rate
+        d += numba_laws.lead_error(P.law[e, 0], theta_d, P.law_p, e)
+        rate += numba_laws.lead_slope(P.law[e, 0], theta_d, P.law_p, e) * theta_d_rate
     return d, rate
 
 
@@ -90,13 +90,13 @@ def force_beside(P, x, j, s, rate, t):
     force = 0.0
     place = P.slot[pl.LINK] + pl.PER_LINK * j
     for e in range(P.first[place + pl.PLAYS], P.first[place + pl.PLAYS + 1]):
-        held = dispatch.spring_stretch(P.law[e, 0], s, P.law_p, e)
+        held = numba_laws.spring_stretch(P.law[e, 0], s, P.law_p, e)
         force += k * (held - s)
         s = held
     for e in range(P.first[place + pl.FORCES], P.first[place + pl.FORCES + 1]):
-        force += dispatch.spring_force(P.law[e, 0], s, rate, t, k, c, P.law_p, e)
+        force += numba_laws.spring_force(P.law[e, 0], s, rate, t, k, c, P.law_p, e)
     for e in range(P.first[place + pl.MEMORIES], P.first[place + pl.MEMORIES + 1]):
-        force += dispatch.memory_force(P.law[e, 0], x[P.law[e, 1]], 0.0, P.law_p, e)
+        force += numba_laws.memory_force(P.law[e, 0], x[P.law[e, 1]], 0.0, P.law_p, e)
     return force
 
 
@@ -133,12 +133,12 @@ def body_forces(P, x, w, t):
     for e in range(P.first[place], P.first[place + P.n_bodies]):
         i = P.law[e, 1]
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
-        w[pl.CH_F + i] += dispatch.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
+        w[pl.CH_F + i] += numba_laws.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
     place = P.slot[pl.BODY_MEMORY]
     for i in range(P.n_bodies):
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
         for e in range(P.first[place + i], P.first[place + i + 1]):
-            w[pl.CH_F + i] += dispatch.remembered_effort(P.law[e, 0], x[P.law[e, 1]], q, v, t, P.law_p, e)
+            w[pl.CH_F + i] += numba_laws.remembered_effort(P.law[e, 0], x[P.law[e, 1]], q, v, t, P.law_p, e)
 
 
 @inlined
@@ -147,7 +147,7 @@ def torque_beside(P, x):
     place, total = P.slot[pl.MOTOR_TORQUE], 0.0
     for e in range(P.first[place], P.first[place + 1]):
         at = x[P.position + P.driven]
-        total += dispatch.motor_torque(P.law[e, 0], x[P.current], at, P.circuit[pl.C_KT], P.law_p, e)
+        total += numba_laws.motor_torque(P.law[e, 0], x[P.current], at, P.circuit[pl.C_KT], P.law_p, e)
     return total
 
 
@@ -159,9 +159,9 @@ def circuit_forces(P, x, w):
     place = P.slot[pl.WINDING]
     for e in range(P.first[place], P.first[place + 1]):
         R, memory = P.circuit[pl.C_R], x[P.law[e, 1]]
-        w[pl.CH_V] -= dispatch.winding_voltage(P.law[e, 0], memory, i, R, P.law_p, e)
+        w[pl.CH_V] -= numba_laws.winding_voltage(P.law[e, 0], memory, i, R, P.law_p, e)
         # the decay is linear and stands in A
-        w[memory_channel(P, e)] += dispatch.winding_rate(P.law[e, 0], 0.0, i, R, P.law_p, e)
+        w[memory_channel(P, e)] += numba_laws.winding_rate(P.law[e, 0], 0.0, i, R, P.law_p, e)
 
 
 @inlined
@@ -270,7 +270,7 @@ def friction_level(P, S, c, slip_speed, direction):
     place = P.slot[pl.FRICTION] + c
     level = 0.0
     for e in range(P.first[place], P.first[place + 1]):
-        level += dispatch.friction_level(P.law[e, 0], slip_speed, direction, S.load[e], P.law_p, e)
+        level += numba_laws.friction_level(P.law[e, 0], slip_speed, direction, S.load[e], P.law_p, e)
     return level
 
 

@@ -8,7 +8,7 @@ which it leads, which no step is too long for. The memory of a body's law follow
 import math
 
 from dtbacklash.compiled import compiled, inlined
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
 from oracle.kernel.forces import base_motion, gained, push, respond, stretch_of
 
@@ -30,14 +30,14 @@ def _advanced(code, z, q0, v0, q1, v1, t, h, p, e):
     what it is at the start to what it is at the end (Cox & Matthews, J. Comput. Phys. 176 (2002) 430): exact where the
     rate is linear in the memory and in such a motion, and stable however fast the memory falls.
     """
-    first = dispatch.memory_rate(code, z, q0, v0, t, p, e)
-    last = dispatch.memory_rate(code, z, q1, v1, t + h, p, e)
+    first = numba_laws.memory_rate(code, z, q0, v0, t, p, e)
+    last = numba_laws.memory_rate(code, z, q1, v1, t + h, p, e)
     near = 1e-4 * (abs(z) + h * max(abs(first), abs(last)))
     if near == 0.0:
         return z
     q, v, middle = 0.5 * (q0 + q1), 0.5 * (v0 + v1), t + 0.5 * h
-    above = dispatch.memory_rate(code, z + near, q, v, middle, p, e)
-    below = dispatch.memory_rate(code, z - near, q, v, middle, p, e)
+    above = numba_laws.memory_rate(code, z + near, q, v, middle, p, e)
+    below = numba_laws.memory_rate(code, z - near, q, v, middle, p, e)
     a = min(0.5 * h * (above - below) / near, 30.0)
     if abs(a) < 1e-4:
         return z + h * (first * (0.5 + a / 3.0) + last * (0.5 + a / 6.0))
@@ -70,7 +70,7 @@ def remember(P, S, angle, angle_end, t, h):
             change = _stretch(P, S.xn, j, angle_end) - s
             for e in range(P.first[place], P.first[place + 1]):
                 m = P.law[e, 1]
-                S.xn[m] = dispatch.memory_after(P.law[e, 0], S.x[m], change, P.law_p, e)
+                S.xn[m] = numba_laws.memory_after(P.law[e, 0], S.x[m], change, P.law_p, e)
                 S.xp[m] = S.xn[m]
 
 
@@ -105,7 +105,7 @@ def _more(code, p, e, z, change, give, expected):
 
     give : how much less the link is stretched by a unit of it. expected : the memory that was expected.
     """
-    held = dispatch.memory_force(code, expected, change, p, e)
+    held = numba_laws.memory_force(code, expected, change, p, e)
     low, high = 0.0, _beyond(code, p, e, z, change, held)
     left_low, enough = high, SOLVED * abs(high)
     if high == 0.0 or give <= 0.0:
@@ -129,4 +129,4 @@ def _more(code, p, e, z, change, give, expected):
 @inlined
 def _beyond(code, p, e, z, change, force):
     """How far a memory's force lies above ``force`` after a change of the stretch."""
-    return dispatch.memory_force(code, dispatch.memory_after(code, z, change, p, e), change, p, e) - force
+    return numba_laws.memory_force(code, numba_laws.memory_after(code, z, change, p, e), change, p, e) - force

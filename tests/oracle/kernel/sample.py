@@ -3,8 +3,8 @@
 import math
 
 from dtbacklash.compiled import clear, compiled, copy, inlined
-from dtbacklash.physics.effects.play import play
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.effects import play as gap_law
+from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
 from oracle.kernel.events import (
     NO_EVENT,
@@ -25,13 +25,15 @@ from oracle.kernel.forces import (
 )
 from oracle.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, try_step
 
+play = numba_laws.jitted(gap_law.play)
+
 
 @inlined
 def amplify(P, u):
     """The voltage (or command of the actuator) that leaves the amplifier for the command ``u``."""
     place = P.slot[pl.COMMAND]
     for e in range(P.first[place], P.first[place + 1]):
-        u = dispatch.amplified(P.law[e, 0], u, P.law_p, e)
+        u = numba_laws.amplified(P.law[e, 0], u, P.law_p, e)
     return u
 
 
@@ -224,5 +226,5 @@ def sense(P, S, gap, gap_rate, y):
             value = S.played[s] = play(S.played[s], value, P.sensor_play[s])
         place = P.slot[pl.READING] + s
         for e in range(P.first[place], P.first[place + 1]):
-            value = dispatch.shown(P.law[e, 0], value, P.law_p, e)
+            value = numba_laws.shown(P.law[e, 0], value, P.law_p, e)
         y[s] = value

@@ -7,7 +7,7 @@ import pytest
 
 import dtbacklash as dtb
 
-MODULES = ("face.diagnose", "face.experiments", "face.recordings", "face.rigs", "face.run", "recording.model",
+MODULES = ("api.diagnose", "api.experiments", "api.recordings", "api.rigs", "api.run", "recording.model",
            "recording.stamps", "units")  # fmt: skip
 #: what is a class, or an exception, has its example where it is made
 FUNCTIONS = ("design", "diagnose", "isolability", "load_rig", "plot_recording", "read_recording", "run", "save_rig")

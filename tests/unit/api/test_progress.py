@@ -3,7 +3,6 @@
 import io
 import logging
 import time
-from contextlib import nullcontext
 
 import pytest
 from rich.console import Console
@@ -21,7 +20,7 @@ def terminal(monkeypatch):
 
 
 def test_the_bar_comes_by_itself_where_nothing_ticks(terminal):
-    with bar.progress("reading", compiles=False) as tell:
+    with bar.progress("reading") as tell:
         tell(0.25, "two million rows")
         time.sleep(0.6)
     shown = terminal.getvalue()
@@ -30,14 +29,14 @@ def test_the_bar_comes_by_itself_where_nothing_ticks(terminal):
 
 
 def test_what_is_quick_shows_nothing(terminal):
-    with bar.progress("reading", compiles=False) as tell:
+    with bar.progress("reading") as tell:
         tell(1.0)
     assert terminal.getvalue() == ""
 
 
 def test_elsewhere_there_is_no_bar(capsys, monkeypatch):
     monkeypatch.setattr(bar, "PATIENCE_S", 0.05)
-    with bar.progress("reading", compiles=False) as tell:
+    with bar.progress("reading") as tell:
         time.sleep(0.2)
         tell(0.5)
     assert capsys.readouterr().err == ""
@@ -45,14 +44,14 @@ def test_elsewhere_there_is_no_bar(capsys, monkeypatch):
 
 def test_elsewhere_a_line_now_and_then_says_what_is_done(capsys, monkeypatch):
     monkeypatch.setattr(bar, "LINE_EVERY_S", 0.05)
-    with bar.progress("reading", compiles=False) as tell:
+    with bar.progress("reading") as tell:
         tell(0.25, "two million rows")
         time.sleep(0.2)
     assert capsys.readouterr().err.startswith("dtb: reading: two million rows, 25 %")
 
 
 def test_with_v_each_stage_is_a_line_once(terminal, caplog):
-    with caplog.at_level(logging.INFO, "dtbacklash"), bar.progress("diagnosing", compiles=False) as tell:
+    with caplog.at_level(logging.INFO, "dtbacklash"), bar.progress("diagnosing") as tell:
         for share, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             tell(share, text)
         time.sleep(0.3)
@@ -61,33 +60,17 @@ def test_with_v_each_stage_is_a_line_once(terminal, caplog):
 
 
 def test_with_v_a_stage_without_words_is_a_line_a_tenth(terminal, caplog):
-    with caplog.at_level(logging.INFO, "dtbacklash"), bar.progress("simulating", compiles=False) as tell:
+    with caplog.at_level(logging.INFO, "dtbacklash"), bar.progress("simulating") as tell:
         for k in range(101):
             tell(k / 100)
     assert len(caplog.records) == 11
 
 
 def test_an_error_inside_ends_the_bar(terminal):
-    with pytest.raises(ZeroDivisionError), bar.progress("reading", compiles=False):
+    with pytest.raises(ZeroDivisionError), bar.progress("reading"):
         time.sleep(0.3)
         raise ZeroDivisionError
     assert "reading" in terminal.getvalue()
-
-
-def test_what_is_compiled_is_said_while_it_is(capsys, monkeypatch):
-    running = [True]
-    monkeypatch.setattr(bar, "LINE_EVERY_S", 0.05)
-    monkeypatch.setattr("dtbacklash.compiled.at_compiling", lambda: nullcontext(lambda: running[0]))
-    with bar.progress("simulating") as tell:
-        tell(0.0)
-        time.sleep(0.2)
-        assert "dtb: simulating, compiling, 0 %" in capsys.readouterr().err
-        running[0] = False
-        tell(0.25)
-        time.sleep(0.2)
-    told = capsys.readouterr().err
-    assert "dtb: simulating, 25 %" in told
-    assert "compiling" not in told.partition("simulating, 25 %")[2]
 
 
 def test_a_log_has_no_line_twice(capsys, monkeypatch):
@@ -95,7 +78,7 @@ def test_a_log_has_no_line_twice(capsys, monkeypatch):
     monkeypatch.setattr(bar, "LINE_EVERY_S", 0.02)
     monkeypatch.setattr(bar, "SAME_EVERY_S", 0.3)
     monkeypatch.setattr(bar, "duration", lambda seconds: f"{seconds:.2f} s")
-    with bar.progress("diagnosing", compiles=False) as tell:
+    with bar.progress("diagnosing") as tell:
         for share, step in ((0.2, "recalibrating"), (0.4, "ranking")):
             tell(share, step)
             time.sleep(0.5)
@@ -105,7 +88,7 @@ def test_a_log_has_no_line_twice(capsys, monkeypatch):
 
 
 def test_what_is_known_so_far_is_a_line_each_time_that_it_changes(capsys):
-    with bar.progress("diagnosing", compiles=False) as tell:
+    with bar.progress("diagnosing") as tell:
         for share, text in ((0.1, "ranking; so far likeliest backlash"), (0.2, "fitting; so far likeliest backlash"),
                             (0.4, "ranking; so far backlash (half gap 2 mrad)"), (0.9, "drawing")):  # fmt: skip
             tell(share, text)

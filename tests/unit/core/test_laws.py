@@ -16,7 +16,7 @@ from dtbacklash.physics.catalogue import CATALOGUE, SHIPPED
 from dtbacklash.physics.effects import slots, table
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role
 from dtbacklash.physics.effects.formula import DEPTH_MAX, FUNCTIONS, Formula
-from dtbacklash.physics.effects.slots import ROW, BodyEffort, arguments, plain_function
+from dtbacklash.physics.effects.slots import ROW, BodyEffort, arguments
 from dtbacklash.physics.kernel import laws
 from dtbacklash.physics.kernel import plant as pl
 
@@ -30,7 +30,7 @@ DECLARED = [
 
 def test_each_declared_law_is_one_of_the_core_with_its_states_and_parameters_in_order():
     for effect, slot, field, law in DECLARED:
-        name, where = plain_function(law).__name__, f"{effect.kind}.{effect.name}.{field}"
+        name, where = law.__name__, f"{effect.kind}.{effect.name}.{field}"
         kind, states, parameters = LAWS[name]
         given = arguments(law, effect.slot.states, effect)
         assert kind == slot.__name__, where
@@ -40,7 +40,7 @@ def test_each_declared_law_is_one_of_the_core_with_its_states_and_parameters_in_
         else:
             places = {k: own for k, own in enumerate(parameters) if own}
             assert list(places) == sorted(one for one in given if isinstance(one, int)), where
-            own_names = [n for n in law.py_func.__code__.co_varnames[: len(given)] if n not in effect.slot.states]
+            own_names = [n for n in law.__code__.co_varnames[: len(given)] if n not in effect.slot.states]
             assert list(places.values()) == own_names, where
 
 
@@ -48,7 +48,7 @@ def test_each_law_of_the_core_is_declared_and_found_in_its_source():
     text = (build.HERE / "laws.c").read_text()
     defined = re.findall(r"^double (\w+)\(", text, re.MULTILINE)
     assert sorted(LAWS) == sorted(defined)
-    assert set(LAWS) == {plain_function(law).__name__ for _, _, _, law in DECLARED}
+    assert set(LAWS) == {law.__name__ for _, _, _, law in DECLARED}
 
 
 def test_the_structs_of_the_slots_have_their_states_in_order():
@@ -68,7 +68,7 @@ def test_what_both_sides_count_they_count_alike():
 
 @pytest.mark.parametrize(
     "shipped",
-    {plain_function(law).__name__: effect for effect, _, _, law in DECLARED}.values(),
+    {law.__name__: effect for effect, _, _, law in DECLARED}.values(),
     ids=lambda effect: effect.name,
 )
 def test_a_law_gives_what_its_declaration_gives(shipped):
@@ -142,7 +142,7 @@ def test_a_formula_gives_what_python_gives(text, seed):
     a, b = 0.7, 1.5
     given_values = dict(zip(STATES, at.T, strict=True)) | {"a": np.full(50, a), "b": np.full(50, b)}
     with np.errstate(all="ignore"):
-        expected = plain_function(formula.function())(*(given_values[name] for name in formula.names))
+        expected = formula.function()(*(given_values[name] for name in formula.names))
     found = valued(formula, at, a, b)
     expected = np.broadcast_to(expected, found.shape)
     assert np.array_equal(np.isnan(found), np.isnan(expected))
@@ -171,13 +171,11 @@ def test_a_law_in_python_is_called_by_the_core():
     def wobble(velocity, size, rate):
         return size * np.sin(rate * velocity)
 
-    from dtbacklash.compiled import law
-
     parameters = (
         Parameter("size", "N m", 0.0, 1e3, 0.1, 0.0, role=Role.SIZE),
         Parameter("rate", "s/rad", 0.0, 9.0, 2.0),
     )
-    effect = Effect("wobble", "rotor", parameters, "size sin(rate v)", BodyEffort(law(wobble)), "a test", "{size}.",
+    effect = Effect("wobble", "rotor", parameters, "size sin(rate v)", BodyEffort(wobble), "a test", "{size}.",
                     conceal=lambda place, sign: (0.0, 0.0))  # fmt: skip
     catalogue.register(effect)
     v = np.linspace(-1.0, 1.0, 7)

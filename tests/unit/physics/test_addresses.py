@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import CATALOGUE
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.kernel import dispatch, numba_laws
 from dtbacklash.physics.rig_file import rig_content, rig_of
 from dtbacklash.physics.simulate import simulate, simulate_plant
 
@@ -180,6 +180,6 @@ def test_a_memory_that_falls_at_once_is_no_memory():
 
 def test_what_is_written_out_can_be_loaded_again_by_itself():
     """Compiled code that is kept names its module: without one it could not be loaded for a kernel that has changed."""
-    written = [one for one in vars(dispatch).values() if getattr(one, "targetoptions", {}).get("forceinline")]
+    written = [one for one in vars(numba_laws).values() if getattr(one, "targetoptions", {}).get("forceinline")]
     assert len(written) == 15
-    assert {one.py_func.__module__ for one in written} == {dispatch.__name__}
+    assert {one.py_func.__module__ for one in written} == {numba_laws.__name__}

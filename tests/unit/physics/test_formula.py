@@ -13,7 +13,6 @@ from told import refused
 from dtbacklash import units
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.formula import DEPTH_MAX, FUNCTIONS, LENGTH_MAX, Formula
-from dtbacklash.physics.effects.slots import plain_function
 
 STATES, PARAMETERS = ("position", "velocity", "time"), ("a", "b")
 
@@ -24,7 +23,7 @@ def formula(text):
 
 def value(text, **given):
     made = formula(text)
-    return plain_function(made.function())(*(given[name] for name in made.names))
+    return made.function()(*(given[name] for name in made.names))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +111,7 @@ def check(made):
     """A formula reaches nothing but its names and the functions, whatever its text is."""
     assert set(made.names) <= {*STATES, *PARAMETERS}
     made.dimension({})
-    function = plain_function(made.function())
+    function = made.function()
     assert set(function.__code__.co_names) <= set(FUNCTIONS)  # nothing else can be reached from inside
     assert function.__code__.co_varnames == tuple(made.names)
     with np.errstate(all="ignore"):
@@ -144,7 +143,7 @@ def test_a_formula_calculates_as_python_would(text):
             expected = float(eval(text, {"__builtins__": {}}, space))
         except ZeroDivisionError:  # of two plain numbers
             return
-        got = plain_function(made.function())(*(given[name] for name in made.names))
+        got = made.function()(*(given[name] for name in made.names))
     if not math.isnan(expected):
         assert float(got) == pytest.approx(expected, rel=1e-12, nan_ok=True)
 

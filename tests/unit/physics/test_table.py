@@ -21,7 +21,7 @@ FINE = np.linspace(-2.0, 4.0, 301)
 
 
 def at(state, efforts, knots=KNOTS_AT):
-    return interpolated.py_func(state, [*efforts, *knots])
+    return interpolated(state, [*efforts, *knots])
 
 
 def test_a_table_passes_through_its_knots_and_is_constant_beyond():
