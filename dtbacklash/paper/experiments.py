@@ -12,7 +12,7 @@ from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.chain import MotorParameters, StructureParameters
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.experiment.run import RunResult, run_scenario
-from dtbacklash.physics.effects.play import play
+from dtbacklash.physics.effects.spring import play
 
 #: half-gap throughout, and first estimate of it: three moves
 _GAP_100 = ("profile=constant", "profile.start_deg=100", "duration_s=60")

@@ -11,8 +11,8 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Role, Values
-from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Law, arguments
+from dtbacklash.physics.effects.spring import play
 from dtbacklash.physics.effects.table import SHAPES, table_of, weights
 from dtbacklash.physics.element_kinds import KINDS
 

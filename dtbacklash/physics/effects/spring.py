@@ -19,13 +19,20 @@ from dtbacklash.physics.effects.declare import (
     Values,
     hardly_reached,
 )
-from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Contact, SpringForce, SpringMemory, SpringPlay
 
 #: a spring that softens keeps this share of its stiffness at the largest stretch
 SOFTEST = 0.3
 #: a stop that is touched for less than the rest of the time is not known
 HIT = 0.999
+
+
+def play(theta_d, theta_m, half_gap):
+    """Next output of the play operator: the screw stays until the motor's tooth pushes it.
+
+    rad -> rad; Krasnosel'skii & Pokrovskii, Systems with Hysteresis (1989). It is the paper's Eqs (16)-(17).
+    """
+    return min(max(theta_d, theta_m - half_gap), theta_m + half_gap)
 
 
 def lost_motion(stretch, total):

@@ -3,7 +3,7 @@
 import math
 
 from dtbacklash.compiled import clear, compiled, copy, inlined
-from dtbacklash.physics.effects import play as gap_law
+from dtbacklash.physics.effects import spring
 from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
 from oracle.kernel.events import (
@@ -25,7 +25,7 @@ from oracle.kernel.forces import (
 )
 from oracle.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, try_step
 
-play = numba_laws.jitted(gap_law.play)
+play = numba_laws.jitted(spring.play)
 
 
 @inlined

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dtbacklash.physics.effects import sensor
-from dtbacklash.physics.effects.play import play
+from dtbacklash.physics.effects.spring import play
 
 angles = st.floats(-100.0, 100.0)
 gaps = st.floats(0.0, 6.3)
