@@ -127,7 +127,7 @@ def _bench(nominal: Rig, records: list[Record]) -> Segments:
 
 def _asked(nominal: Rig, records: list[Record]) -> float:
     """What a diagnosis asks of any name."""
-    return max(SETTINGS.least * sum(r.samples * len(r.y) for r in records), LEAST)
+    return max(SETTINGS.min_gain_if_clearing * sum(r.samples * len(r.y) for r in records), LEAST)
 
 
 def _leads(

@@ -95,11 +95,11 @@ def said(d: Diagnosis) -> tuple[object, ...]:
 #: number that decides -> a recording of which it decides what is said, and a factor that changes that
 MOVED = {
     "held_out_share": (Golden("pendulum", 3010, "disk.viscous_friction"), 0.1),
-    "worth": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e4),
-    "least": (Golden("pendulum", 3010, "disk.viscous_friction"), 1e4),
-    "clears": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
-    "much": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e3),
-    "left": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
-    "lead": (Golden("oscillator", 3014, "spring.cubic_stiffness"), 10.0),
-    "moved": (Golden("oscillator", 3006, "parameters"), 10.0),
+    "min_gain": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e4),
+    "min_gain_if_clearing": (Golden("pendulum", 3010, "disk.viscous_friction"), 1e4),
+    "clearing_ratio": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
+    "unexplained_attention": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e3),
+    "max_unexplained": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
+    "min_t": (Golden("oscillator", 3014, "spring.cubic_stiffness"), 10.0),
+    "min_shift": (Golden("oscillator", 3006, "parameters"), 10.0),
 }

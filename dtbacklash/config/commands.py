@@ -169,7 +169,7 @@ class IsolabilityConfig:
     record: list[str] = setting(list, "the sensors that are to be recorded (default: all of the rig)", shown="[]")
     unknown: float | None = setting(
         None, "unknown force at each body, as a share of the force that moves it: what no model of a machine explains "
-        "(default: `much` of the settings of the diagnosis, 0.01)", above=0, at_most=1,
+        "(default: `unexplained_attention` of the settings of the diagnosis, 0.01)", above=0, at_most=1,
     )  # fmt: skip
     duration_s: float = setting(20.0, "length of the experiment; of a file, its own", above=0)
     sample_time_s: float = setting(0.001, "sample time of the recording; of a file, its own", above=0)

@@ -125,7 +125,7 @@ class Conclusion:
 
     def stands_in_each(self, title: str) -> bool:
         """Whether a value is there, and alike, in each of several recordings that can show it."""
-        return title not in self.in_each or stands(self.in_each[title], self.search.rules.lead)
+        return title not in self.in_each or stands(self.in_each[title], self.search.rules.min_t)
 
     def not_predicted(self, key: Key) -> tuple[int, ...]:
         """The recordings that could show a name and, left out, are predicted no better with it."""
@@ -152,7 +152,10 @@ class Conclusion:
             return MISSING if enough or (known and self.explains) else UNEXPLAINED
         if self.with_table is not None and not enough:
             return UNEXPLAINED
-        rig, missed = self.model.rig, not enough and (self.left > MISSED * rules.much or not self.follows)
+        rig, missed = (
+            self.model.rig,
+            not enough and (self.left > MISSED * rules.unexplained_attention or not self.follows),
+        )
         if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED
         return PARAMETERS if self.moved else CONSISTENT
@@ -164,13 +167,13 @@ def had_to_move(search: StepwiseSelection, model: FittedModel, values: Values) -
     The names are there in both: a friction that is missing moves a stiffness, and may hide that it had to move.
     """
     known = [f for f in values.free if f.prior and not f.is_zero]
-    away = [f for f in known if abs(standing(f, model.rig)) > search.rules.moved]
+    away = [f for f in known if abs(standing(f, model.rig)) > search.rules.min_shift]
     given = as_given(search.bench, search.motion, model) if away else None
     if given is None:
         return []
     last = as_it_stands(search.bench, search.motion, model)
-    clears = search.unknown(last) < search.rules.clears * search.unknown(given)
-    asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
+    clears = search.unknown(last) < search.rules.clearing_ratio * search.unknown(given)
+    asked = 0.0 if clears else MISSED * search.rules.min_gain * search.bench.count
     return [] if given.loss - last.loss < max(search.least, asked) else away
 
 

@@ -77,7 +77,7 @@ class Ground:
     recordings: tuple[float, ...] = ()
 
     def to_json(self) -> Document:
-        """A part of ``stands``."""
+        """A part of ``evidence``."""
         row: Document = json_able({name: getattr(self, name) for name in ("stands", "ratio", "t", "agree")})
         row |= {"share": json_able(self.share)} if self.share is not None else {}
         row |= {"recordings": json_able(list(self.recordings))} if self.recordings else {}
@@ -85,7 +85,7 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class Stands:
+class Evidence:
     """What a name rests on: rivals elsewhere, rivals at its place and the form of the law, and the fit without it."""
 
     where: Ground
@@ -98,7 +98,7 @@ class Stands:
         return self.where.stands and self.law.stands and self.size.stands
 
     def to_json(self) -> Document:
-        """``stands`` of a finding."""
+        """``evidence`` of a finding."""
         return {"where": self.where.to_json(), "law": self.law.to_json(), "size": self.size.to_json()}
 
 
@@ -110,9 +110,9 @@ class Finding:
     ----------
     location : an element or ``sensor_<name>``. effect : its name in the catalogue.
     parameters : by name. also_fits : what cannot be told from it. when : where in time it matters, one clause.
-    instead : the second best, if one explains a part. sentence : what a person would say. stands : what the name rests
-    on. confidence : ``sure`` where place, law and size stand; ``one_of`` where it is this effect or one of
-    ``also_fits``; else what is open is in ``stands`` and ``also_fits``.
+    instead : the second best, if one explains a part. sentence : what a person would say.
+    confidence : ``sure`` where place, law and size stand; ``one_of`` where it is this effect or one of ``also_fits``;
+    else what is open is in ``evidence`` and ``also_fits``. evidence : what the name rests on.
     """
 
     location: str
@@ -123,12 +123,12 @@ class Finding:
     instead: Instead | None
     sentence: str
     confidence: Confidence = "sure"
-    stands: Stands | None = None
+    evidence: Evidence | None = None
 
     def to_json(self) -> Document:
         """A row of ``findings``."""
-        row: Document = json_able(replace(self, stands=None))
-        row["stands"] = self.stands.to_json() if self.stands else None
+        row: Document = json_able(replace(self, evidence=None))
+        row["evidence"] = self.evidence.to_json() if self.evidence else None
         return row | {"also_fits": [other.to_json() for other in self.also_fits]}
 
 

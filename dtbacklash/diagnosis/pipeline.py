@@ -183,7 +183,7 @@ class _Course:
         if self.depth != NONE and not self._seen(held).unlogged(held.now.rig):
             held.glance()
             self.tell("recalibrating the rig", 0.04)
-        if held.unknown(held.nothing) > held.rules.left:
+        if held.unknown(held.nothing) > held.rules.max_unexplained:
             self.begin = begin(held.quick, held.rules)
             held = self._begun(self.records) if self.begin else held
         begun = {
@@ -210,7 +210,7 @@ class _Course:
         """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
         bench = replace(self._bench(records, self.every), nominal=held.bench.nominal)
         left = bench.most_unknown(bench.tuned(held.now.rig)[0])
-        return left < held.rules.clears * held.unknown(held.now)
+        return left < held.rules.clearing_ratio * held.unknown(held.now)
 
     def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
@@ -325,7 +325,7 @@ class _Course:
         if max(self.every) > 1 and model.keys:
             full = replace(self._bench(self.records, [1] * len(self.every)), nominal=bench.nominal)
             sizes, _ = full.tuned(model.rig)
-            if full.refine(model.rig, sizes, search.rules.worth * search.bench.count):
+            if full.refine(model.rig, sizes, search.rules.min_gain * search.bench.count):
                 sizes, _ = full.tuned(model.rig, sizes)
             along = motion_of(full, model.rig, full.gains(model.rig, sizes))
             found = _fitted(full, along, replace(model, sizes=sizes))

@@ -17,28 +17,28 @@ class DiagnoseSettings:
 
     held_out_share: float = setting(
         0.2, "end of a recording that is not fitted to where no other recording judges", unit="share")
-    worth: float = setting(
+    min_gain: float = setting(
         0.02, "a name has to earn so much for each reading; less is how a law is formulated",
         unit="-2 log-likelihood a reading")
-    least: float = setting(
+    min_gain_if_clearing: float = setting(
         0.002, "a name that takes the unknown force away has to earn so much", unit="-2 log-likelihood a reading")
-    clears: float = setting(
+    clearing_ratio: float = setting(
         0.3, "a name takes the unknown force away if it leaves less of it; and what was missing is explained",
         unit="share")
-    alike: float = setting(
+    tie_ratio: float = setting(
         0.1, "of two that are nearer than this share of what a name has to earn, or explains, the simpler is taken",
         unit="share")
-    small: float = setting(
+    min_effect: float = setting(
         0.015, "a law that makes less of what acts at its place is none", unit="share of what acts")
-    much: float = setting(
+    unexplained_attention: float = setting(
         0.01, "more unknown force is looked at closely: priors stay stiff, and three times as much is missing physics",
         unit="share of what acts")
-    left: float = setting(
+    max_unexplained: float = setting(
         0.1, "where more unknown force is left, gains are tried at wrong factors, and a finer rate",
         unit="share of what acts")
-    lead: float = setting(
+    min_t: float = setting(
         3.0, "a name is sure if it leads each rival by so much in each view", unit="standard errors")
-    moved: float = setting(
+    min_shift: float = setting(
         0.25, "a parameter of the rig that moved by less is as it was given", unit="tolerances")
 
     def to_json(self) -> dict[str, dict[str, Any]]:

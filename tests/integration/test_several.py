@@ -140,8 +140,8 @@ def test_three_files_lead_to_a_controller_that_uses_the_result(tmp_path, monkeyp
     (friction,) = [f for f in said["findings"] if f["confidence"] == "sure"]
     assert (friction["location"], friction["effect"]) == ("motor_bearing", "coulomb_friction")
     assert friction["parameters"]["torque"]["value"] == pytest.approx(0.02, rel=0.05)
-    assert len(friction["stands"]["size"]["recordings"]) == 3
-    assert min(friction["stands"]["size"]["recordings"]) > 1.0
+    assert len(friction["evidence"]["size"]["recordings"]) == 3
+    assert min(friction["evidence"]["size"]["recordings"]) > 1.0
     overshoots = []
     for words, folder in ((nominal, "nominal"), (found, "told")):
         assert cli.main([*words, f"out={folder}"]) == 0

@@ -106,7 +106,7 @@ class ConfidenceTest:
         model = self.model
         rest = self._tables(model, None)
         first = self.bench.of_first(model.sizes)
-        numbers = numbers_instead(search.quick, first, model, search.motion, self.rules.worth)
+        numbers = numbers_instead(search.quick, first, model, search.motion, self.rules.min_gain)
         rivals: dict[Key, tuple[Rival, ...]] = {}
         explains: dict[Key, float] = {}
         adds: dict[Key, float] = {}
@@ -124,7 +124,7 @@ class ConfidenceTest:
             adds[key] = max(best, 0.0) / max(explains[key], 1e-300)
             entry = find(model.rig.kind_at(key[0]), key[1], key[0])
             simpler[key] = entry.simpler_at(model.rig.effects[key[0]][key[1]], search.motion(key[0]))
-            doubted = bool(simpler[key]) or adds[key] >= self.rules.alike
+            doubted = bool(simpler[key]) or adds[key] >= self.rules.tie_ratio
             known = not numbers and search.explains(model)
             certainty[key] = _certainty(key, rivals[key], doubted) if known else "partial"
         return JudgedModel(model, rivals, explains, adds, tables, certainty, rest, tuple(numbers), simpler)
@@ -171,11 +171,11 @@ class ConfidenceTest:
         keys = tuple(k for k in m.keys if k not in less.keys)
         container = self._contains(keys, key)
         gained, lead = less.score - self.model.score, m.score - self.model.score
-        if container and -lead < self.rules.alike * max(gained, 0.0):
+        if container and -lead < self.rules.tie_ratio * max(gained, 0.0):
             return None
         mine, other = self.horizons.reference, attempt(self.horizons.squares, m)
         if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
-            strays = mine is not None and lead > self.rules.worth * self.bench.count
+            strays = mine is not None and lead > self.rules.min_gain * self.bench.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
             costs, falls = lead, dict.fromkeys(VIEWS, 0.0)
         else:
@@ -185,8 +185,8 @@ class ConfidenceTest:
             costs = other.cost - mine.cost
             falls = {v: self.bench.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
         # what earns no name tells none from another, either
-        beaten = min(t.values()) > self.rules.lead and costs > self.search.least
-        ahead = any(t[view] < -self.rules.lead and falls[view] > self.search.least for view in VIEWS)
+        beaten = min(t.values()) > self.rules.min_t and costs > self.search.least
+        ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)
         return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:

@@ -143,7 +143,7 @@ def margin(search: StepwiseSelection) -> float:
     recorded here (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
     """
     count, rules = search.bench.count, search.rules
-    return max(rules.alike * rules.worth * count, 2.0 * math.log(count))
+    return max(rules.tie_ratio * rules.min_gain * count, 2.0 * math.log(count))
 
 
 def _in_place(search: StepwiseSelection, model: FittedModel, table: Table, one: Near, name: str) -> Trial | None:

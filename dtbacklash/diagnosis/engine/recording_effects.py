@@ -47,10 +47,15 @@ def differ(search: StepwiseSelection, named: Sequence[FittedModel]) -> bool:
         for gain, title in differing(bench, model, search.motion)[:FITTED]:
             if gain > search.least and (done := _freed(search, model, title)) is not None:
                 left = search.unknown(done)
-                if "." in title or left < max(rules.much, min(rules.left, rules.clears * search.unknown(now))):
+                if "." in title or left < max(
+                    rules.unexplained_attention, min(rules.max_unexplained, rules.clearing_ratio * search.unknown(now))
+                ):
                     found.append((done, title))
     gained = now.score - named[0].score if named else -np.inf
-    if gained < max((gain for gain, *_ in search.apart), default=-np.inf) or search.unknown(named[0]) > rules.left:
+    if (
+        gained < max((gain for gain, *_ in search.apart), default=-np.inf)
+        or search.unknown(named[0]) > rules.max_unexplained
+    ):
         found += _differing_names(search)
     if not found:
         return False

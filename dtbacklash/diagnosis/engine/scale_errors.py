@@ -49,12 +49,12 @@ def begin(bench: Segments, rules: DiagnoseSettings) -> ScaleError | None:
 
     Of several that nothing tells apart a sensor's; the amplifier's is none where a parameter does the same.
     """
-    gains = near_best(bench, gains_off(bench, bench.nominal), rules.worth)
+    gains = near_best(bench, gains_off(bench, bench.nominal), rules.min_gain)
     if not gains:
         return None
     sensors = [one for one in gains if one.key[0].startswith(SENSOR_PREFIX)]
     best = [*sensors, *gains][0]
-    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, {*NUMBERS, best.factor})], rules.worth)
+    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, {*NUMBERS, best.factor})], rules.min_gain)
     return best if best in near and (sensors or len(near) == 1) else None
 
 
@@ -88,7 +88,7 @@ def numbers_suspected(
     The rig with such a number, the names fitted anew or gone, has to be likelier than the model by what a name earns,
     and to leave less unknown force. sizes : of the model, on this bench. begun : the rig from which the search began.
     """
-    suspects = near_best(bench, numbers_off(bench, begun, rules), rules.worth)
+    suspects = near_best(bench, numbers_off(bench, begun, rules), rules.min_gain)
     if not suspects or not model.keys:
         return suspects
     named = FitProblem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
@@ -100,7 +100,7 @@ def numbers_suspected(
         best = min((m for m in fits if m is not None), key=lambda m: m.score, default=None)
         if best is None or bench.most_unknown(best.sizes) > bench.most_unknown(named.sizes):
             continue
-        if best.score < named.score - rules.worth * bench.count:
+        if best.score < named.score - rules.min_gain * bench.count:
             found.append(replace(one, rig=best.rig, sizes=best.sizes, loss=best.loss))
     return found
 
@@ -148,7 +148,7 @@ def numbers_off(
 ) -> list[ScaleError]:
     """The same of the rig's parameters; or those that earn what a name does, and clear the unknown force as it does."""
     sizes, before = bench.tuned(rig)
-    little, earned = rules.clears * bench.most_unknown(sizes), rules.worth * bench.count
+    little, earned = rules.clearing_ratio * bench.most_unknown(sizes), rules.min_gain * bench.count
     best: dict[Key, ScaleError] = {}
     ways = sorted({way for one in factors for way in (one, 1.0 / one)})
     asked = [(name, by, rig.with_parameters({name: by * v})) for name, v in _numbers(bench, rig).items() for by in ways]

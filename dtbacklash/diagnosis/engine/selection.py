@@ -133,7 +133,9 @@ class StepwiseSelection:
 
     def explains(self, model: FittedModel) -> bool:
         """Whether a model explains most of what was unknown before, or leaves hardly anything."""
-        return self.unknown(model) < max(self.rules.much, self.rules.clears * self.unknown(self.nothing))
+        return self.unknown(model) < max(
+            self.rules.unexplained_attention, self.rules.clearing_ratio * self.unknown(self.nothing)
+        )
 
     def far(self, model: FittedModel) -> bool:
         """Whether much is unexplained, so that smaller sizes see more than the present ones."""
@@ -196,7 +198,7 @@ class StepwiseSelection:
                 for p in ranked:
                     self.gains.setdefault(p.keys[0], p.gain)
                 self.apart = columns.differing() if len(bench.recordings) > 1 else []
-            ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.worth * bench.count]
+            ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.min_gain * bench.count]
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
             for p in ranked[:singles]:  # the simpler law that it may become
                 ((h, _),) = p.parts
@@ -258,7 +260,7 @@ class StepwiseSelection:
         quick, n = self.quick, np.log(self.quick.count)
         sizes = self.bench.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
         most = self.unknown(model)
-        strict = quick.scaled(sizes, 0.1 if most > self.rules.much else 1.0)
+        strict = quick.scaled(sizes, 0.1 if most > self.rules.unexplained_attention else 1.0)
         near = attempt(self._near, model, strict) or {}
 
         def solved(one: tuple[Rig, tuple[Key, ...]]) -> _Rough | None:
@@ -310,7 +312,9 @@ class StepwiseSelection:
         done = self.fitted(m.rig, start, m.keys, steps=4)
         while done is not None and not done.at_end:
             # what takes the unknown force away is never too small
-            idle = () if small or self.unknown(done) < self.rules.clears * self.unknown(model) else self.idle(done)
+            idle = (
+                () if small or self.unknown(done) < self.rules.clearing_ratio * self.unknown(model) else self.idle(done)
+            )
             if not idle:
                 return [done]
             if len(done.keys) - 1 <= len(model.keys):
@@ -346,7 +350,7 @@ class StepwiseSelection:
                 continue
             if not found:
                 return
-            close = [m for m in found if m.score < found[0].score + self.rules.alike * self.rules.worth * count]
+            close = [m for m in found if m.score < found[0].score + self.rules.tie_ratio * self.rules.min_gain * count]
             best = min(close, key=lambda m: (m.counts, m.score))
             if best.score > self.now.score - self.asked(best, self.now):
                 return
@@ -357,11 +361,11 @@ class StepwiseSelection:
             new = [k for k in best.keys if k not in self.now.keys]
             for key in new:
                 self.beaten[key] = [m for m in found if m is not best]
-            if self.bench.refine(best.rig, best.sizes, self.rules.worth * count):
+            if self.bench.refine(best.rig, best.sizes, self.rules.min_gain * count):
                 self.quick = self.bench.first(SHARE)
                 best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
             self.now = best
-            if self.finer is not None and self.unknown(best) > self.rules.left:
+            if self.finer is not None and self.unknown(best) > self.rules.max_unexplained:
                 self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
                 if self.too_coarse:
                     return
@@ -379,13 +383,13 @@ class StepwiseSelection:
 
     def asked(self, model: FittedModel, less: FittedModel) -> float:
         """What a model has to earn beside one that does without a name of it."""
-        clears = self.unknown(model) < self.rules.clears * self.unknown(less)
-        return self.least if clears else self.rules.worth * self.bench.count
+        clears = self.unknown(model) < self.rules.clearing_ratio * self.unknown(less)
+        return self.least if clears else self.rules.min_gain * self.bench.count
 
     @property
     def least(self) -> float:
         """What anything has to earn."""
-        return max(self.rules.least * self.bench.count, LEAST)
+        return max(self.rules.min_gain_if_clearing * self.bench.count, LEAST)
 
     def exchange(self) -> bool:
         """Another name, or two, in the place of each of several; whether one was better."""
@@ -396,7 +400,10 @@ class StepwiseSelection:
                 continue
             found = attempt(self.in_its_place, less, key, 2) or []
             self.beaten[key] = found
-            if found and found[0].score < self.now.score - self.rules.alike * self.rules.worth * self.bench.count:
+            if (
+                found
+                and found[0].score < self.now.score - self.rules.tie_ratio * self.rules.min_gain * self.bench.count
+            ):
                 self.now = found[0]
                 self.trim()
                 return True
@@ -424,7 +431,7 @@ class StepwiseSelection:
         done = self.fitted(rig, less, (*less.keys, other), (1.0, 0.1, 1.0), 5)
         gained = less.score - self.now.score
         unseen = entry.simpler_at(values, self.motion(key[0])) == law.name
-        most = (self.rules.clears if unseen else self.rules.alike) * gained
+        most = (self.rules.clearing_ratio if unseen else self.rules.tie_ratio) * gained
         return done if done is not None and not done.at_end and done.score - self.now.score < most else None
 
     def add_table(self) -> None:
@@ -434,8 +441,8 @@ class StepwiseSelection:
         for start in [names, *([self.nothing] if names.keys else [])]:
             columns = attempt(CandidateSensitivities, self.bench, start, start.sizes, tables=True)
             for p in columns.ranked[: 1 if start is names and names.keys else 2] if columns else ():
-                done = self.tabled(start, p) if p.gain > self.rules.least * self.bench.count else None
-                if done is not None and self.unknown(done) < self.rules.clears * self.unknown(names):
+                done = self.tabled(start, p) if p.gain > self.rules.min_gain_if_clearing * self.bench.count else None
+                if done is not None and self.unknown(done) < self.rules.clearing_ratio * self.unknown(names):
                     found.append(done)
         best = min(found, key=lambda m: m.score, default=None)
         if best is None or best.score > names.score - self.asked(best, names):
@@ -465,7 +472,7 @@ class StepwiseSelection:
 
     def let_go(self) -> None:
         """The last fit, with priors as they are given where little is unknown; out with what stood for a parameter."""
-        little = self.unknown(self.now) < self.rules.much
+        little = self.unknown(self.now) < self.rules.unexplained_attention
         stiff = 1.0 if little else STIFF
         done = self.fitted(self.now.rig, self.now, self.now.keys, steps=5, stiff=stiff)
         if done is not None:
@@ -475,7 +482,7 @@ class StepwiseSelection:
 
     def idle(self, model: FittedModel) -> tuple[Key, ...]:
         """Laws of a model that make little of what moves their place, and hardly more than what stays unknown."""
-        least = min(self.rules.small, self.unknown(model) / self.rules.clears)
+        least = min(self.rules.min_effect, self.unknown(model) / self.rules.clearing_ratio)
         return tuple(key for key in model.keys if share_of(self.bench, model, key) < least)
 
 

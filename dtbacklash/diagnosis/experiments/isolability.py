@@ -114,7 +114,7 @@ def isolability(
     Parameters
     ----------
     recording : the rig, simulated on the plan, as its sensors show it. unknown : unknown force at each body, a share of
-        the force that moves it; None: ``much`` of the settings of the diagnosis.
+        the force that moves it; None: ``unexplained_attention`` of the settings of the diagnosis.
     turned : the same with the command once more the other way round, where that can be done. complete : the same with
         all sensors of the rig, where some are left out.
 
@@ -122,7 +122,7 @@ def isolability(
     ------
     UserError : nothing moves; nothing recorded shows some part that integrates.
     """
-    share = SETTINGS.much if unknown is None else unknown
+    share = SETTINGS.unexplained_attention if unknown is None else unknown
     found, motion = _columns(rig, recording, share)
     one_way = tuple(b for b, v in motion.speed.items() if _one_sign(v))
     others: list[tuple[str, Isolability]] = []
@@ -161,7 +161,7 @@ def _columns(rig: Rig, recording: Recording, unknown: float) -> tuple[Isolabilit
     columns = CandidateSensitivities(plan.bench, plan.model, plan.sizes)
     hypotheses, errors, sines = columns.angles()
     keys = list(dict.fromkeys(h.key for h in hypotheses))
-    named = math.sqrt(max(SETTINGS.least * plan.bench.count, LEAST))
+    named = math.sqrt(max(SETTINGS.min_gain_if_clearing * plan.bench.count, LEAST))
     effects, groups = [], []
     for key in keys:
         js = [j for j, h in enumerate(hypotheses) if h.key == key]

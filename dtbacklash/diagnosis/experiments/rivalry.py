@@ -90,7 +90,10 @@ class Rivalry:
         (p,) = bench.predictors
         low, high = p.ends()
         # on another motion no model is as exact as on the one that it was fitted to
-        shares = [max(self.seen.unknown.get(b, 0.0) / f, SETTINGS.much) for b, f in zip(p.bodies, p.force, strict=True)]
+        shares = [
+            max(self.seen.unknown.get(b, 0.0) / f, SETTINGS.unexplained_attention)
+            for b, f in zip(p.bodies, p.force, strict=True)
+        ]
         forces = np.log(shares)
         return bench, (np.clip(np.concatenate([forces, p.nominal_noise]), low, high),)
 

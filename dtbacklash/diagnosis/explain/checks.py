@@ -65,7 +65,7 @@ def _below(check: str, statistic: float, threshold: float, comment: str, source:
 def _unknown(c: Conclusion) -> list[Check]:
     return [
         _below(
-            f"no force is unknown at {place_in_words(body)}", share, c.search.rules.left,
+            f"no force is unknown at {place_in_words(body)}", share, c.search.rules.max_unexplained,
             "unknown force that the recording still needs there, as a share of the rms force that moves the body",
             DIFFUSION,
         )

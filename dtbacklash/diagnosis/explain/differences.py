@@ -35,9 +35,9 @@ def changes(c: Conclusion) -> tuple[Changed, ...] | None:
 def _changed(c: Conclusion, change: Change, more: float, error: float) -> Changed:
     """more, error : its difference."""
     before, after = c.in_each[change.title]
-    unit, lead = _unit(c, change.title), c.search.rules.lead
+    unit, lead = _unit(c, change.title), c.search.rules.min_t
     others = tuple(title for title, (t, _) in change.rivals.items() if not t > lead)
-    clear = abs(more) > lead * error and c.left < c.search.rules.left
+    clear = abs(more) > lead * error and c.left < c.search.rules.max_unexplained
     alike = all(t > -lead for t, _ in change.rivals.values())
     mark: Confidence = "partial" if not clear or (others and not alike) else "one_of" if others else "sure"
     first, second = (
@@ -61,7 +61,7 @@ def _seen(one: RecordingValue, title: str, unit: str, none: bool) -> str:
 def changes_said(c: Conclusion, named: Sequence[Finding]) -> str:
     """The same in words, also where nothing is seen to have changed, and what both have. named : the findings."""
     found = changes(c) or ()
-    beside = "Beside what the rig lacks in both" if c.left > MISSED * c.search.rules.much else ""
+    beside = "Beside what the rig lacks in both" if c.left > MISSED * c.search.rules.unexplained_attention else ""
     nothing = f"{beside or 'From one recording to the other'}, nothing is seen to have changed."
     titles = [one.title for one in found]
     both = [one.sentence for one in named if c.sizes[one.location, one.effect] not in titles]

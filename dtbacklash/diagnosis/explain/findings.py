@@ -12,13 +12,13 @@ from dtbacklash.diagnosis.explain.differences import apart_said, only_said
 from dtbacklash.diagnosis.explain.sentences import certainty_said, less, quantity, when
 from dtbacklash.diagnosis.findings import (
     Alternative,
+    Evidence,
     Finding,
     Ground,
     Instead,
     Interval,
     ParameterEstimate,
     Recalibrated,
-    Stands,
 )
 from dtbacklash.diagnosis.labels import all_in_words, place_in_words
 from dtbacklash.diagnosis.result import UNEXPLAINED, Candidate, Limit, Located, RemainingLaw, Verdict
@@ -64,7 +64,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         )
         low, high = max(low, p.low), min(high, p.high)
         parameters[p.name] = ParameterEstimate(value, unit_at(nominal, place, p.unit), (low, high))
-    grounds = stands(c, key)
+    grounds = evidence(c, key)
     instead = _instead(c, key)
     shown = {n: quantity(p.value, p.unit) for n, p in (parameters | largest).items()}
     parameters |= each
@@ -88,7 +88,7 @@ def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
     A table takes up any part of a law over its state: beside one the name's value is none.
     """
     place, name = key
-    most = c.search.rules.worth * c.search.bench.count
+    most = c.search.rules.min_gain * c.search.bench.count
     rivals = [r for other, those in c.judged.rivals.items() if other != key for r in those]
     models = [r.model for r in rivals if not r.beaten and r.lead < most and not r.model.smooth]
     return [there[parameter] for m in models if (there := m.rig.effect(place, name)) is not None]
@@ -115,13 +115,13 @@ def also_fits(c: Conclusion, key: Key) -> tuple[Alternative, ...]:
                 beside = f"with {all_in_words(others)}" if others else ""
                 found.setdefault((place, name), Alternative(place, name, beside))
     here = [p.keys[0] for p in judged.rest if p.keys[0][0] == key[0]]
-    more = here[:1] if judged.adds.get(key, 0.0) >= c.search.rules.alike else []
+    more = here[:1] if judged.adds.get(key, 0.0) >= c.search.rules.tie_ratio else []
     for place, name in [*more, *([(key[0], judged.simpler[key])] if judged.simpler.get(key) else [])]:
         found.setdefault((place, name), Alternative(place, name))
     return tuple(found.values())
 
 
-def stands(c: Conclusion, key: Key) -> Stands:
+def evidence(c: Conclusion, key: Key) -> Evidence:
     """What a name rests on: rivals elsewhere, rivals and tables at its place, and the rig without it."""
     rivals = c.judged.rivals.get(key, ())
     elsewhere = [r for r in rivals if r.keys and any(k[0] != key[0] for k in r.keys)]
@@ -129,7 +129,7 @@ def stands(c: Conclusion, key: Key) -> Stands:
     without = [r for r in rivals if not r.keys]
     law = _ground(here)
     share = c.judged.adds.get(key)
-    enough = share is None or share < c.search.rules.alike
+    enough = share is None or share < c.search.rules.tie_ratio
     law = Ground(
         law.stands and enough,
         law.ratio,
@@ -140,7 +140,7 @@ def stands(c: Conclusion, key: Key) -> Stands:
     )
     size = _ground(without)
     size = replace(size, recordings=tuple(c.predicted.get(key, ())))
-    return Stands(_ground(elsewhere), law, size)
+    return Evidence(_ground(elsewhere), law, size)
 
 
 def _ground(rivals: list[Rival]) -> Ground:
@@ -192,7 +192,7 @@ def located(c: Conclusion, verdict: Verdict) -> Located | None:
     unknown = c.unknown(c.model)
     body = max(unknown, key=lambda b: unknown[b])
     share = min(c.left / max(c.before, 1e-300), 1.0)
-    best = next((p for p in c.judged.rest if p.gain > c.search.rules.least * c.search.bench.count), None)
+    best = next((p for p in c.judged.rest if p.gain > c.search.rules.min_gain_if_clearing * c.search.bench.count), None)
     if c.modelled is not None:
         m = c.modelled
         rest = RemainingLaw(m.state, m.state_unit, m.unit, 1.0, m.points)

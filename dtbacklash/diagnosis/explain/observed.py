@@ -60,7 +60,7 @@ def _open(c: Conclusion) -> list[OpenModel]:
             found.setdefault(others, OpenModel(key, rival.keys, rig_content(rival.model.rig.of(last)), rival.lead))
     for change, *_ in changed(c):
         for title, (t, model) in change.rivals.items():
-            if not t > c.search.rules.lead:
+            if not t > c.search.rules.min_t:
                 is_, lead = ("", title), model.score - c.model.score
                 found[(("", change.title), is_)] = OpenModel(
                     ("", change.title), (is_,), rig_content(model.rig.of(last)), lead

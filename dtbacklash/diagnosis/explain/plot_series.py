@@ -23,7 +23,7 @@ STROKE = 0.98
 def shown(c: Conclusion, tables: ErrorTables, causes: dict[str, float]) -> PlotData:
     """Everything that is drawn. causes : what each explains."""
     laws = [law for key in c.model.keys if (law := _law(c, key)) is not None]
-    rest = next((p for p in c.judged.rest if p.gain > c.search.rules.worth * c.search.bench.count), None)
+    rest = next((p for p in c.judged.rest if p.gain > c.search.rules.min_gain * c.search.bench.count), None)
     if c.modelled is not None:
         laws.append(_as_modelled(c.modelled))
     elif rest is not None and not c.explains:

@@ -9,7 +9,7 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.conclusion import Conclusion
 from dtbacklash.diagnosis.engine.parameters import Key, taken_out, unit_of
-from dtbacklash.diagnosis.findings import Alternative, Confidence, Finding, Instead, Modelled, Recalibrated, Stands
+from dtbacklash.diagnosis.findings import Alternative, Confidence, Evidence, Finding, Instead, Modelled, Recalibrated
 from dtbacklash.diagnosis.labels import all_in_words, one_of_in_words, other_in_words, place_in_words
 from dtbacklash.diagnosis.plot_data import Explained
 from dtbacklash.diagnosis.records import UNLOGGED
@@ -60,7 +60,7 @@ def less(instead: Instead | None) -> str:
             f"with {times} times the error; it is not needed in addition.")  # fmt: skip
 
 
-def certainty_said(mark: Confidence, grounds: Stands, key: Key, others: Sequence[Alternative], explains: bool) -> str:
+def certainty_said(mark: Confidence, grounds: Evidence, key: Key, others: Sequence[Alternative], explains: bool) -> str:
     """What of a name the recording leaves open, by the rivals that it does not lead; empty where it is sure.
 
     key : of the name. others : laws that also fit. explains : whether most of what was unknown is explained.

@@ -70,7 +70,7 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
         "One number compares all models: minus twice the log likelihood, with the logarithm of the number of readings "
         f"for each parameter that was added {cite(PENALTY)}.",
         "A name is sure if, in three views of the errors (of one step, over long horizons and whitened), it leads each "
-        f"rival that was fitted in its place, and the rig without it, by {number(SETTINGS.lead)} standard errors of "
+        f"rival that was fitted in its place, and the rig without it, by {number(SETTINGS.min_t)} standard errors of "
         "that lead over stretches of the recording, and if little unknown force is left.",
         "Intervals are 95 %, from the curvature of the likelihood and the scatter of its slope over stretches of the "
         f"recording {cite(SANDWICH)}.",

@@ -131,7 +131,7 @@ def _sure(finding: Finding) -> str:
     others = "; ".join(other_in_words(a) for a in finding.also_fits)
     if others:
         return f"open against {others}"
-    grounds = finding.stands
+    grounds = finding.evidence
     if grounds is None:
         return "open"
     if not grounds.size.stands:
@@ -313,7 +313,7 @@ def percents(shares: dict[str, float]) -> dict[str, str]:
 def grounds(finding: Finding) -> str:
     """What a name rests on, in figures."""
     said = f"{capital(named_in_words(finding.effect, finding.location))} is {finding.confidence}"
-    stands = finding.stands
+    stands = finding.evidence
     if stands is None or stands.size.ratio is None:
         return f"{said}."
     rivals = [g for g in (stands.where, stands.law) if g.against is not None and g.ratio is not None]

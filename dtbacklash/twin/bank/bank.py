@@ -174,13 +174,16 @@ class _Bank:
         """The verdict, by the diagnosis's own bars."""
         tried = self._tried()
         if not tried or self.base.score - tried[0].score < LEAST:
-            return self._as("nothing" if self._explains(self.base, SETTINGS.much) else "unknown", ())
+            return self._as("nothing" if self._explains(self.base, SETTINGS.unexplained_attention) else "unknown", ())
         rivals = [t for t in tried if t.score - tried[0].score < LEAST]
         # of those that are alike the ones with the fewest parameters
         fewest = min(t.counts for t in rivals)
         rivals = [t for t in rivals if t.counts == fewest]
         earned = self.base.score - rivals[0].score
-        if not self._explains(rivals[0], SETTINGS.left) or self._table_beside(rivals[0]) > SETTINGS.alike * earned:
+        if (
+            not self._explains(rivals[0], SETTINGS.max_unexplained)
+            or self._table_beside(rivals[0]) > SETTINGS.tie_ratio * earned
+        ):
             return self._as("unknown", ())
         return self._as("ambiguous" if len(rivals) > 1 else "changed", tuple(rivals))
 

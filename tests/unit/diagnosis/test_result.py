@@ -10,7 +10,7 @@ import pytest
 
 from dtbacklash.diagnosis.explain.save import save
 from dtbacklash.diagnosis.explain.sentences import summary
-from dtbacklash.diagnosis.findings import Alternative, Ground, Instead, Stands
+from dtbacklash.diagnosis.findings import Alternative, Evidence, Ground, Instead
 from dtbacklash.diagnosis.plot_data import Explained, FreeRunning, Left, ModelErrors
 from dtbacklash.diagnosis.result import UNEXPLAINED, Candidate, Located
 
@@ -41,7 +41,7 @@ def test_findings_and_parameters_are_what_they_always_were():
         "instead": {"location": "gear", "effect": "backlash", "value": 0.1, "unit": "rad", "times_the_error": 2.5},
         "sentence": "Dry (Coulomb) friction of 0.02 N m acts at the motor bearing.",
         "confidence": "partial",
-        "stands": None,
+        "evidence": None,
     }
     assert made.to_json()["recalibrated"]["k"] == {
         "nominal": 10000.0, "value": 9020.0, "unit": "N/m", "ci95": [9001.0, 9039.0],
@@ -57,17 +57,17 @@ def test_findings_and_parameters_are_what_they_always_were():
 
 def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
     made = diagnosed.missing()
-    grounds = Stands(
+    grounds = Evidence(
         Ground(False, 1.1, 2.0, 0.5, Alternative("gear", "backlash")), Ground(True, share=0.97), Ground(True)
     )
     unknown = {"mass_3": {"before": 0.4, "after": 0.01, "force": 2.0, "unit": "N"}}
     much = Explained(
         None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True, unknown=unknown, causes={"gear.backlash": 0.97}
     )
-    document = replace(made, findings=(replace(made.findings[0], stands=grounds),), explained=much).to_json()
+    document = replace(made, findings=(replace(made.findings[0], evidence=grounds),), explained=much).to_json()
     none = {"stands": True, "ratio": None, "t": None, "agree": None}
     rival = {"location": "gear", "effect": "backlash"}
-    assert document["findings"][0]["stands"] == {
+    assert document["findings"][0]["evidence"] == {
         "where": {"stands": False, "ratio": 1.1, "t": 2.0, "agree": 0.5, "against": rival},
         "law": {**none, "share": 0.97},
         "size": none,
@@ -100,7 +100,7 @@ def test_no_physics_is_said_to_be_absent_that_was_not_looked_for_or_did_not_matt
 
 @pytest.mark.parametrize("open_one", ["where", "law", "size", ""])
 def test_a_name_is_sure_where_place_law_and_size_stand(open_one):
-    assert Stands(*(Ground(part != open_one) for part in ("where", "law", "size"))).sure == (not open_one)
+    assert Evidence(*(Ground(part != open_one) for part in ("where", "law", "size"))).sure == (not open_one)
 
 
 def test_where_nothing_explains_what_is_left_no_place_is_said():

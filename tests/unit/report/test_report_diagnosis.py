@@ -14,7 +14,7 @@ from nominal import nominal_rig
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnosis.findings import Alternative, Blind, Calibration, Ground, Recalibrated, Stands
+from dtbacklash.diagnosis.findings import Alternative, Blind, Calibration, Evidence, Ground, Recalibrated
 from dtbacklash.diagnosis.plot_data import ModelErrors, RecordingUsed
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
@@ -184,7 +184,7 @@ def test_a_cause_has_its_place_law_size_doubt_and_share():
         ({}, "sure"),
         ({"confidence": "partial"}, "open"),
         (
-            {"confidence": "partial", "stands": Stands(Ground(True), Ground(True), Ground(True))},
+            {"confidence": "partial", "evidence": Evidence(Ground(True), Ground(True), Ground(True))},
             "open: much is left",
         ),
         (
@@ -192,12 +192,12 @@ def test_a_cause_has_its_place_law_size_doubt_and_share():
             "sure as one of: backlash or compliance",
         ),
         (
-            {"confidence": "partial", "stands": Stands(Ground(False), Ground(False), Ground(True))},
+            {"confidence": "partial", "evidence": Evidence(Ground(False), Ground(False), Ground(True))},
             "open: where and which law",
         ),
-        ({"confidence": "partial", "stands": Stands(Ground(True), Ground(False), Ground(True))}, "open: which law"),
+        ({"confidence": "partial", "evidence": Evidence(Ground(True), Ground(False), Ground(True))}, "open: which law"),
         (
-            {"confidence": "partial", "stands": Stands(Ground(True), Ground(True), Ground(False))},
+            {"confidence": "partial", "evidence": Evidence(Ground(True), Ground(True), Ground(False))},
             "open: it may not be there",
         ),
         (

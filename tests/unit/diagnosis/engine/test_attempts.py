@@ -58,7 +58,7 @@ def test_every_law_is_simplified_at_every_kind(key, caplog):
     y = recorded(problem.rig, u, step_s=SAMPLE_TIME_S)
     search = StepwiseSelection(Segments(problem.without, (predictor_of(problem.without, u, y, step_s=SAMPLE_TIME_S),)))
     search.now = replace(search.nothing, rig=problem.rig, keys=((place, name),))
-    search.rules = replace(search.rules, alike=1e9)  # any simpler law that can be fitted does as well
+    search.rules = replace(search.rules, tie_ratio=1e9)  # any simpler law that can be fitted does as well
     caplog.clear()
     search.simplify()
     assert not caplog.records

@@ -36,7 +36,7 @@ def test_a_name_that_leads_every_rival_is_sure():
     for rival in rivals:
         assert set(rival.t) == set(VIEWS)
         assert rival.beaten
-        assert rival.least == min(rival.t.values()) > search.rules.lead
+        assert rival.least == min(rival.t.values()) > search.rules.min_t
         assert rival.lead > 1000.0
         assert rival.agree > 0.9
         assert rival.ratio > 10.0

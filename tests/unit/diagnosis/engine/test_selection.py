@@ -91,7 +91,7 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     most = 0.1 / search.unknown(faint)
     much = replace(faint, sizes=search.bench.scaled(faint.sizes, most))
     assert search.idle(much) == (COULOMB,)
-    rules, search.rules = search.rules, replace(search.rules, small=0.5 * share_of(search.bench, much, COULOMB))
+    rules, search.rules = search.rules, replace(search.rules, min_effect=0.5 * share_of(search.bench, much, COULOMB))
     assert not search.idle(much)
     search.rules = rules
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnosis.explain.sentences import _when_it_moves, certainty_said, explained_said
-from dtbacklash.diagnosis.findings import Alternative, Ground, Stands
+from dtbacklash.diagnosis.findings import Alternative, Evidence, Ground
 from dtbacklash.diagnosis.plot_data import Explained, Left
 
 from ..conftest import STEP_S
@@ -49,11 +49,11 @@ LATE = ("moving_average", "low_pass")
 def test_what_of_a_name_is_open_follows_from_what_it_does_not_lead(mark, grounds, others, explains, expected):
     where, law, size = map(Ground, grounds)
     also = [Alternative("sensor_q3", effect) for effect in others]
-    assert certainty_said(mark, Stands(where, law, size), ("sensor_q3", "delay"), also, explains) == expected
+    assert certainty_said(mark, Evidence(where, law, size), ("sensor_q3", "delay"), also, explains) == expected
 
 
 def test_laws_that_fit_alike_at_other_places_are_said_with_their_places():
-    stands = Stands(Ground(False), Ground(True), Ground(True))
+    stands = Evidence(Ground(False), Ground(True), Ground(True))
     said = certainty_said("one_of", stands, ("amplifier", "delay"), [Alternative("shaker", "lag")], True)
     assert said == " (delay at the amplifier or lag at the shaker: this recording cannot tell which)"
 
