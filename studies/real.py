@@ -126,19 +126,19 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     """
     from dtbacklash.diagnosis import records_of
     from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
-    from dtbacklash.diagnosis.predictions import bench_of
+    from dtbacklash.diagnosis.predictions import segments_of
     from dtbacklash.diagnosis.records import held_equivalent
     from dtbacklash.recording import read_recording
 
     records = records_of(read_recording(part, rig=rig), rig, True, False)
     (channel,) = records[0].y
     records = [replace(r, u=held_equivalent(r.u)) if smooth else r for r in records]
-    bench = bench_of(rig, records, [1] * len(records))
-    rig = zeroed(bench, rig)  # a sensor's zero is each recording's own
+    segments = segments_of(rig, records, [1] * len(records))
+    rig = zeroed(segments, rig)  # a sensor's zero is each recording's own
 
     def error(of: Rig) -> float:
         squares = []
-        for p in bench.predictors:
+        for p in segments.predictors:
             gains = p.gains(of, p.first_sizes())
             gains.K[:, FIRST:] = 0.0  # the first samples show the first state; from there on nothing comes to help
             squares.append(p.run(of, gains).D[FIRST:] ** 2)

@@ -25,7 +25,7 @@ from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.experiments.design import Limits, designed
 from dtbacklash.diagnosis.experiments.rivalry import Rival, Rivalry
 from dtbacklash.diagnosis.planning import Observed
-from dtbacklash.diagnosis.predictions import bench_of
+from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.physics.rig import Rig, build_rig
@@ -122,7 +122,7 @@ def _recorded(rig: Rig, u: Floats, rng: np.random.Generator, number: int, lead_i
 
 
 def _bench(nominal: Rig, records: list[Record]) -> Segments:
-    return bench_of(nominal, records, [rate_of(nominal, r.y, r.sample_time_s) for r in records])
+    return segments_of(nominal, records, [rate_of(nominal, r.y, r.sample_time_s) for r in records])
 
 
 def _asked(nominal: Rig, records: list[Record]) -> float:
@@ -134,16 +134,16 @@ def _leads(
     nominal: Rig, records: list[Record], case: Case
 ) -> tuple[float, tuple[FittedModel, Key], tuple[FittedModel, Key]]:
     """By how much the truth is likelier than the other, and both models."""
-    bench = _bench(nominal, records)
-    truth, other = ((_fitted(bench, nominal, law), law[:2]) for law in (case.truth, case.other))
+    segments = _bench(nominal, records)
+    truth, other = ((_fitted(segments, nominal, law), law[:2]) for law in (case.truth, case.other))
     return other[0].score - truth[0].score, truth, other
 
 
-def _fitted(bench: Segments, nominal: Rig, law: Law) -> FittedModel:
+def _fitted(segments: Segments, nominal: Rig, law: Law) -> FittedModel:
     rig = nominal.with_effect(*law)
-    sizes, _ = bench.tuned(nominal)
-    motion = motion_of(bench, nominal, bench.gains(nominal, sizes))
-    model = FitProblem(bench, rig, [law[:2]], motion, 1.0).ladder(sizes)
+    sizes, _ = segments.tuned(nominal)
+    motion = motion_of(segments, nominal, segments.gains(nominal, sizes))
+    model = FitProblem(segments, rig, [law[:2]], motion, 1.0).homotopy_fit(sizes)
     assert model is not None
     return model
 

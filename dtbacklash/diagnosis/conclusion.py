@@ -60,7 +60,7 @@ class Conclusion:
 
     def unknown(self, model: FittedModel) -> dict[str, float]:
         """Body -> unknown force, a share of what acts there."""
-        return self.search.bench.unknown(model.sizes)
+        return self.search.segments.unknown(model.sizes)
 
     @property
     def before(self) -> float:
@@ -98,7 +98,7 @@ class Conclusion:
 
     def beyond(self) -> dict[str, float]:
         """Title of a known parameter -> its distance from nominal, in tolerances."""
-        away = tolerances_away(self.search.bench.nominal, self.model.rig)
+        away = tolerances_away(self.search.segments.nominal, self.model.rig)
         return {self.label(title, recording): far for (title, recording), far in away.items()}
 
     @property
@@ -130,7 +130,7 @@ class Conclusion:
     def not_predicted(self, key: Key) -> tuple[int, ...]:
         """The recordings that could show a name and, left out, are predicted no better with it."""
         blind = {one.recording for one in self.in_each.get(self.sizes[key], ()) if not one.visible}
-        ratios = zip(self.search.bench.recordings, self.predicted.get(key, ()), strict=False)
+        ratios = zip(self.search.segments.recordings, self.predicted.get(key, ()), strict=False)
         return tuple(k for k, ratio in ratios if k not in blind and not ratio > 1.0)
 
     def named(self, recording: int) -> str:
@@ -168,12 +168,12 @@ def had_to_move(search: StepwiseSelection, model: FittedModel, values: Values) -
     """
     known = [f for f in values.free if f.prior and not f.is_zero]
     away = [f for f in known if abs(standing(f, model.rig)) > search.rules.min_shift]
-    given = as_given(search.bench, search.motion, model) if away else None
+    given = as_given(search.segments, search.motion, model) if away else None
     if given is None:
         return []
-    last = as_it_stands(search.bench, search.motion, model)
+    last = as_it_stands(search.segments, search.motion, model)
     clears = search.unknown(last) < search.rules.clearing_ratio * search.unknown(given)
-    asked = 0.0 if clears else MISSED * search.rules.min_gain * search.bench.count
+    asked = 0.0 if clears else MISSED * search.rules.min_gain * search.segments.count
     return [] if given.loss - last.loss < max(search.least, asked) else away
 
 

@@ -45,7 +45,7 @@ from dtbacklash.diagnosis.inspect.fault import faulty, mended, not_finite, undri
 from dtbacklash.diagnosis.inspect.inspection import inspect
 from dtbacklash.diagnosis.parallel import on_cores
 from dtbacklash.diagnosis.plot_data import Work
-from dtbacklash.diagnosis.predictions import Predictions, bench_of
+from dtbacklash.diagnosis.predictions import Predictions, segments_of
 from dtbacklash.diagnosis.preliminary import Depth, Stages, known
 from dtbacklash.diagnosis.records import SMOOTH, STEPPED, Record, ways_to_read
 from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
@@ -181,7 +181,7 @@ class _Course:
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
         held = self.search = self._begun(self.records)
         if self.depth != NONE and not self._seen(held).unlogged(held.now.rig):
-            held.glance()
+            held.preview()
             self.tell("recalibrating the rig", 0.04)
         if held.unknown(held.nothing) > held.rules.max_unexplained:
             self.begin = begin(held.quick, held.rules)
@@ -208,33 +208,33 @@ class _Course:
 
     def _clears(self, records: list[Record], held: StepwiseSelection) -> bool:
         """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
-        bench = replace(self._bench(records, self.every), nominal=held.bench.nominal)
-        left = bench.most_unknown(bench.tuned(held.now.rig)[0])
+        segments = replace(self._bench(records, self.every), nominal=held.segments.nominal)
+        left = segments.most_unknown(segments.tuned(held.now.rig)[0])
         return left < held.rules.clearing_ratio * held.unknown(held.now)
 
     def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
-        bench, now = replace(self._bench(records, self.every), nominal=search.bench.nominal), search.now
+        segments, now = replace(self._bench(records, self.every), nominal=search.segments.nominal), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
-        alike = now.score - now.loss + bench.tuned(now.rig)[1]
+        alike = now.score - now.loss + segments.tuned(now.rig)[1]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
-        fitted = [_fitted(bench, search.motion, without_name(bench, now, key)) for key in late]
+        fitted = [_fitted(segments, search.motion, without_name(segments, now, key)) for key in late]
         fewer = any(m is not None and m.score < now.score for m in fitted)  # with a name less it has nothing to earn
         return fewer or bool(alike < now.score - search.least)
 
     def _begun(self, records: list[Record]) -> StepwiseSelection:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
-        bench, first = self._bench(records, self.every), self.begin
+        segments, first = self._bench(records, self.every), self.begin
         if first:
-            first = replace(first, rig=zeroed(bench, first.rig))
+            first = replace(first, rig=zeroed(segments, first.rig))
         return StepwiseSelection(
-            replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer, begin=first
+            replace(segments, nominal=zeroed(segments, self.rig)), tell=self.tell, finer=finer, begin=first
         )
 
     def _bench(self, records: list[Record], every: list[int]) -> Segments:
         """Predictors of records, with the forces that move the rig from which a search begins."""
-        return replace(bench_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
+        return replace(segments_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
 
     def _at_rates(self, search: StepwiseSelection) -> StepwiseSelection:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
@@ -249,9 +249,9 @@ class _Course:
             if self.depth == FULL:
                 search.run()
             elif self.depth == QUICK:
-                search.grow()
+                search.add_forward()
             if self.depth != FULL and not search.too_coarse:
-                search.let_go()
+                search.final_fit()
             if not (search.too_coarse or (max(self.every) > 1 and self._of_timing(search.now))):
                 return search
             self.every = self._finer() if search.too_coarse else [1] * len(self.every)
@@ -260,12 +260,12 @@ class _Course:
 
     def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""
-        return Predictions(search.bench, self.records, self.every, search.now.rig, search.now.sizes)
+        return Predictions(search.segments, self.records, self.every, search.now.rig, search.now.sizes)
 
     def _moves_by_itself(self, search: StepwiseSelection) -> None:
         """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
         search.most = len(search.now.keys) + 1
-        search.grow()
+        search.add_forward()
         left, names = search.unknown(search.now), search.now.keys or ((search.likely,) if search.likely else ())
         if left > UNDRIVEN and not search.too_coarse and self._seen(search).shows(search.now.rig):
             raise _Undriven(names, left)
@@ -277,8 +277,8 @@ class _Course:
 
     def _at_finer(self, model: FittedModel) -> float:
         """The largest unknown force of a model at a finer rate."""
-        bench = self._bench(self.records, self._finer())
-        return bench.most_unknown(bench.tuned(model.rig)[0])
+        segments = self._bench(self.records, self._finer())
+        return segments.most_unknown(segments.tuned(model.rig)[0])
 
     def _of_timing(self, model: FittedModel) -> bool:
         """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
@@ -297,52 +297,52 @@ class _Course:
             gone = tuple(k for k in names.keys if k not in judged.model.keys)
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
-        model, about, bench = self._last_word(search, judged.model)
+        model, about, segments = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
-        seen = Predictions(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
+        seen = Predictions(search.segments, self.records, self.every, (last or model).rig, (last or model).sizes)
         moved = had_to_move(search, model, about)
         c = Conclusion(search, judged, moved, about, seen, said, last, self.course, full, changes=self.changes)
         away = [f.shared_title for f in moved]
-        c = replace(c, in_each=in_each(bench, model, about, {*c.sizes.values(), *search.differences, *away}))
+        c = replace(c, in_each=in_each(segments, model, about, {*c.sizes.values(), *search.differences, *away}))
         if any((r.train & r.held).any() for r in self.records):
             c = self._in_turns(c)
         return self._diagnosis(c, depth)
 
     def _in_turns(self, c: Conclusion) -> Conclusion:
         """Each recording left out in turn, to judge."""
-        bench, motion = c.search.bench, c.search.motion
-        nothing, extended = (left_out(bench, motion, m) for m in (c.search.nothing, c.model))
+        segments, motion = c.search.segments, c.search.motion
+        nothing, extended = (left_out(segments, motion, m) for m in (c.search.nothing, c.model))
         less = {key: r.model for key, those in c.judged.rivals.items() if key in c.sizes for r in those if not r.keys}
-        said = predicted(bench, motion, extended, c.model, less)
+        said = predicted(segments, motion, extended, c.model, less)
         return replace(c, left_out=(nothing if c.model.keys else extended, extended), predicted=said)
 
     def _last_word(self, search: StepwiseSelection, model: FittedModel) -> tuple[FittedModel, Values, Segments]:
-        """A model with the values that the recording has at its full rate, what they may be off by, and that bench.
+        """A model with the values that the recording has at its full rate, what they may be off by, and those segments.
 
         A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
         """
-        bench, motion, last = search.bench, search.motion, model
+        segments, motion, last = search.segments, search.motion, model
         if max(self.every) > 1 and model.keys:
-            full = replace(self._bench(self.records, [1] * len(self.every)), nominal=bench.nominal)
+            full = replace(self._bench(self.records, [1] * len(self.every)), nominal=segments.nominal)
             sizes, _ = full.tuned(model.rig)
-            if full.refine(model.rig, sizes, search.rules.min_gain * search.bench.count):
+            if full.refine(model.rig, sizes, search.rules.min_gain * search.segments.count):
                 sizes, _ = full.tuned(model.rig, sizes)
             along = motion_of(full, model.rig, full.gains(model.rig, sizes))
             found = _fitted(full, along, replace(model, sizes=sizes))
             if found is not None and (len(model.keys) > 1 or not found.at_end):
-                bench, motion, last = full, along, found
-        several = len(model.keys) > 1 and bench is not search.bench
+                segments, motion, last = full, along, found
+        several = len(model.keys) > 1 and segments is not search.segments
         ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
-        bench = bench.fine  # what follows is compared with what is polished
-        last, about = polished(bench, motion, last)
+        segments = segments.fine  # what follows is compared with what is polished
+        last, about = polished(segments, motion, last)
         for key in model.keys:
             doubted = several or key in ends or not is_there(last, about, key)
-            less = _fitted(bench, motion, without_name(bench, last, key)) if doubted else None
+            less = _fitted(segments, motion, without_name(segments, last, key)) if doubted else None
             if less is not None and (key in ends or less.score < last.score + search.asked(last, less)):
-                last, about = polished(bench, motion, less)
+                last, about = polished(segments, motion, less)
         if last.keys != model.keys:
-            model = replace(model, keys=last.keys, sizes=search.bench.tuned(last.rig, model.sizes)[0])
-        return replace(model, rig=last.rig), about, bench
+            model = replace(model, keys=last.keys, sizes=search.segments.tuned(last.rig, model.sizes)[0])
+        return replace(model, rig=last.rig), about, segments
 
     def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
         tables = ErrorTables(c)
@@ -376,7 +376,7 @@ class _Course:
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
             extended=with_errors(
-                c.model.rig, c.values.errors, verdict != UNEXPLAINED, c.search.bench.recordings[-1]
+                c.model.rig, c.values.errors, verdict != UNEXPLAINED, c.search.segments.recordings[-1]
             ),
             free_running=free,
             explained=much,
@@ -396,10 +396,10 @@ class _Course:
         )  # fmt: skip
 
 
-def _fitted(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
-    """A model fitted anew on a bench; None where nothing stays finite."""
-    problem = FitProblem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
-    return problem.ladder(model.sizes, None, (1.0, 0.1, 1.0), 4)
+def _fitted(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
+    """A model fitted anew on some segments; None where nothing stays finite."""
+    problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
+    return problem.homotopy_fit(model.sizes, None, (1.0, 0.1, 1.0), 4)
 
 
 def _without_tables(search: StepwiseSelection, model: FittedModel, tables: list[tuple[str, str]]) -> FittedModel | None:

@@ -61,7 +61,7 @@ class Stretch:
         return self.predictor.readings.y
 
 
-def bench_of(rig: Rig, records: list[Record], every: list[int]) -> Segments:
+def segments_of(rig: Rig, records: list[Record], every: list[int]) -> Segments:
     """Predictors of what is fitted to: each record up to its last sample of that kind, NaN where it is none.
 
     Raises
@@ -135,17 +135,17 @@ def _rests(s: Stretch, errors: Floats) -> bool:
 class Predictions:
     """All records, as rigs predict them at the gains of the last model."""
 
-    def __init__(self, bench: Segments, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
+    def __init__(self, segments: Segments, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
         self.stretches: list[Stretch] = []
         self._rig = rig
         self._gains: list[Gains] = []
-        self._fitted = {p.readings.recording for p in bench.predictors}
-        fitted = iter(zip(bench.predictors, sizes, strict=True))
+        self._fitted = {p.readings.recording for p in segments.predictors}
+        fitted = iter(zip(segments.predictors, sizes, strict=True))
         known: tuple[Predictor, Floats] | None = None
-        first = bench.predictors[0], sizes[0]
+        first = segments.predictors[0], sizes[0]
         for record, m in zip(records, every, strict=True):
             known = next(fitted) if record.train.any() else known
-            predictor = predictor_of(bench.nominal, record, m)
+            predictor = predictor_of(segments.nominal, record, m)
             size = self._sizes(predictor, *(known or first))
             n = len(predictor.readings.u)
             masks = [np.asarray(mask[: n * m].reshape(n, m).all(axis=1)) for mask in (record.train, record.held)]

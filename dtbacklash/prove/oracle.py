@@ -105,12 +105,12 @@ class Oracle:
         """
         bench = self._bench(pinned)
         sizes, _ = bench.tuned(rig)
-        return self._problem(bench, rig, keys, sizes).ladder(sizes)
+        return self._problem(bench, rig, keys, sizes).homotopy_fit(sizes)
 
     def at(self, sizes: Sizes, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Rig:
         """The rig with the values that fit best at given sizes."""
         problem = self._problem(self._bench(pinned), rig, keys, sizes)
-        x, squares = problem.solve(sizes, problem.start(), STEPS)
+        x, squares = problem.gauss_newton(sizes, problem.start(), STEPS)
         return problem.rig(x) if math.isfinite(squares) else rig
 
     def _bench(self, pinned: str) -> Segments:

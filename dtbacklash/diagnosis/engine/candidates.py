@@ -65,22 +65,22 @@ class CandidateSensitivities:
     """
 
     def __init__(
-        self, bench: Segments, model: FittedModel, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
+        self, segments: Segments, model: FittedModel, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
         alone: bool = False, bounded: bool = False,
     ) -> None:  # fmt: skip
-        self.bench, self.rig, self.log_n = bench, model.rig, float(np.log(bench.count))
-        gains = bench.gains(model.rig, sizes)
-        motion = self.motion = motion_of(bench, model.rig, gains)
-        self.plants = [p.simulated.linear(model.rig) for p in bench.predictors]
-        problem = FitProblem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+        self.segments, self.rig, self.log_n = segments, model.rig, float(np.log(segments.count))
+        gains = segments.gains(model.rig, sizes)
+        motion = self.motion = motion_of(segments, model.rig, gains)
+        self.plants = [p.simulated.linear(model.rig) for p in segments.predictors]
+        problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
         x = problem.start()
-        base = problem.rows(x, gains)
+        base = problem.residuals(x, gains)
         assert base is not None
-        data = problem.bench_rows
+        data = problem.innovation_rows
         jacobian = np.zeros((len(base), 0)) if alone else problem.jacobian(x, gains, base)
         e0 = base[:data]
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
-        asked = list(hypotheses(bench, model.rig, motion, without, tables))
+        asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
         made = spread(lambda h: attempt(self._made, h, gains, e0), asked)
         columns, first = np.empty((sum(len(m) for m in made if m), data)), 0
@@ -121,7 +121,7 @@ class CandidateSensitivities:
             values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
             if not h.as_it_is:
                 values[size] = per = SMALL * values[size]
-            rows = self.bench.rows(self.rig.with_effect(*h.key, values), gains)
+            rows = self.segments.residuals(self.rig.with_effect(*h.key, values), gains)
             if rows is None or not per:
                 return None
             found.append((rows - e0) / per)
@@ -130,7 +130,7 @@ class CandidateSensitivities:
     def _answered(self, F: Floats, entry: Entry, gains: Sequence[Gains]) -> Floats:
         """(J, rows) of efforts (J, N) by the linear plant."""
         found, first = [], 0
-        for p, g, L in zip(self.bench.predictors, gains, self.plants, strict=True):
+        for p, g, L in zip(self.segments.predictors, gains, self.plants, strict=True):
             r = p.readings
             n = len(r.u)
             b, c = np.zeros(len(L.states)), np.zeros(len(r.channels))
@@ -237,11 +237,11 @@ class CandidateSensitivities:
         """
         b = b or a
         J, gram, side, e0 = self._base
-        count, n, m, first = len(self.bench.recordings), a.stop - a.start, b.stop - b.start, 0
+        count, n, m, first = len(self.segments.recordings), a.stop - a.start, b.stop - b.start, 0
         own, r = np.zeros((count, n, count, m)), np.zeros((count, n))
         cross = {(at.start, at.stop): np.zeros((count, at.stop - at.start, J.shape[1])) for at in (a, b)}
-        for p in self.bench.predictors:
-            k, rows = self.bench.recordings.index(p.readings.recording), slice(first, first + p.readings.y.size)
+        for p in self.segments.predictors:
+            k, rows = self.segments.recordings.index(p.readings.recording), slice(first, first + p.readings.y.size)
             first, T = rows.stop, self._T[a, rows]
             own[k, :, k] += T @ self._T[b, rows].T
             for (start, stop), products in cross.items():

@@ -70,7 +70,7 @@ def fits(search: StepwiseSelection, model: FittedModel) -> list[Tried]:
     """The likeliest changes beside a model, fitted."""
     ranked: dict[str, tuple[Rig, tuple[Key, ...]]] = {}
     for share in (1.0, *STRICT[:1]):
-        sizes = search.bench.scaled(model.sizes, share)
+        sizes = search.segments.scaled(model.sizes, share)
         for title, rig, keys in _ranked(search, model, replace(model, sizes=sizes))[:FITTED]:
             ranked.setdefault(title, (rig, keys))
     found = []
@@ -86,7 +86,7 @@ def fits(search: StepwiseSelection, model: FittedModel) -> list[Tried]:
 
 def _shared(search: StepwiseSelection, model: FittedModel, title: str) -> FittedModel | None:
     """A model with one value for both recordings, fitted; None where nothing is left of it."""
-    rig = joined(model.rig, title, search.bench.recordings)
+    rig = joined(model.rig, title, search.segments.recordings)
     if any(rig.effect(*key) is None for key in model.keys):
         return None
     return search.fitted(rig, model, model.keys, RUNGS, STEPS)
@@ -94,12 +94,12 @@ def _shared(search: StepwiseSelection, model: FittedModel, title: str) -> Fitted
 
 def _ranked(search: StepwiseSelection, model: FittedModel, at: FittedModel) -> list[tuple[str, Rig, tuple[Key, ...]]]:
     """Title, rig with a value in each recording, and names, best first. at : the model at the sizes to look with."""
-    bench = search.bench
+    segments = search.segments
     found = [
-        (gain, title, freed(model.rig, title, bench.recordings), model.keys)
-        for gain, title in differing(bench, at, search.motion)
+        (gain, title, freed(model.rig, title, segments.recordings), model.keys)
+        for gain, title in differing(segments, at, search.motion)
     ]
-    found += named_apart(bench, model, CandidateSensitivities(bench, model, at.sizes).differing())
+    found += named_apart(segments, model, CandidateSensitivities(segments, model, at.sizes).differing())
     return [row[1:] for row in sorted(found, key=lambda row: -row[0]) if row[0] > 0.0]
 
 
@@ -107,7 +107,7 @@ def _paired_t(search: StepwiseSelection, other: FittedModel) -> float:
     """By how many standard errors the search's model leads another one, over stretches of the recordings."""
     sums = []
     for model in (other, search.now):
-        rows = search.bench.rows(model.rig, search.bench.gains(model.rig, search.now.sizes))
+        rows = search.segments.residuals(model.rig, search.segments.gains(model.rig, search.now.sizes))
         if rows is None:
             return np.inf if model is other else 0.0
         sums.append(np.array([(part**2).sum() for part in np.array_split(rows, STRETCHES)]))

@@ -93,19 +93,19 @@ class ConfidenceTest:
     """
 
     def __init__(self, search: StepwiseSelection) -> None:
-        self.search, self.bench, self.rules = search, search.bench, search.rules
+        self.search, self.segments, self.rules = search, search.segments, search.rules
         self._take(search.now)
 
     def _take(self, model: FittedModel) -> None:
         """Judge this model."""
-        self.model, self.horizons = model, Horizons(self.bench, self.search.motion, model)
+        self.model, self.horizons = model, Horizons(self.segments, self.search.motion, model)
 
     def judged(self) -> JudgedModel:
         """All names of the model that explain something."""
         search, without = self.search, self._without()
         model = self.model
         rest = self._tables(model, None)
-        first = self.bench.of_first(model.sizes)
+        first = self.segments.of_first(model.sizes)
         numbers = numbers_instead(search.quick, first, model, search.motion, self.rules.min_gain)
         rivals: dict[Key, tuple[Rival, ...]] = {}
         explains: dict[Key, float] = {}
@@ -151,14 +151,14 @@ class ConfidenceTest:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
         search = self.search
         known = {tuple(sorted(m.keys)): m for m in search.beaten.get(key, []) if key not in m.keys}
-        for m in attempt(search.in_its_place, less, key) or []:
+        for m in attempt(search.alternatives_to, less, key) or []:
             known.setdefault(tuple(sorted(m.keys)), m)
         kept = [m for k, m in known.items() if set(less.keys) <= set(k)]
         return sorted(kept, key=lambda m: m.score)[:3]
 
     def _tables(self, model: FittedModel, place: str | None) -> tuple[Proposal, ...]:
         """Tables that explain something beside a model, at one place or anywhere, best first."""
-        found = attempt(CandidateSensitivities, self.bench, model, model.sizes, tables=True)
+        found = attempt(CandidateSensitivities, self.segments, model, model.sizes, tables=True)
         return tuple(p for p in (found.ranked if found else ()) if place is None or p.keys[0][0] == place)
 
     def _with_tables(self, less: FittedModel, tables: Sequence[Proposal]) -> list[FittedModel]:
@@ -175,7 +175,7 @@ class ConfidenceTest:
             return None
         mine, other = self.horizons.reference, attempt(self.horizons.squares, m)
         if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
-            strays = mine is not None and lead > self.rules.min_gain * self.bench.count
+            strays = mine is not None and lead > self.rules.min_gain * self.segments.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
             costs, falls = lead, dict.fromkeys(VIEWS, 0.0)
         else:
@@ -183,7 +183,7 @@ class ConfidenceTest:
             agree = float(np.mean([other.views[view] > mine.views[view] for view in VIEWS]))
             ratio = float(np.sqrt(other.views[LONG].sum() / mine.views[LONG].sum()))
             costs = other.cost - mine.cost
-            falls = {v: self.bench.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
+            falls = {v: self.segments.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
         # what earns no name tells none from another, either
         beaten = min(t.values()) > self.rules.min_t and costs > self.search.least
         ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)

@@ -22,21 +22,21 @@ from dtbacklash.physics.rig import Rig
 SHOWN = 1e-6
 
 
-def left_out(bench: Segments, motion: Motion, model: FittedModel, sizes: Sizes | None = None) -> dict[int, Rig]:
+def left_out(segments: Segments, motion: Motion, model: FittedModel, sizes: Sizes | None = None) -> dict[int, Rig]:
     """Number of a recording -> the rig as the others alone have it.
 
     What belongs to the recording itself (zeros, ``own``), and a law that it alone shows, stay as they were fitted.
     sizes : of what is unknown, other than the model's.
     """
-    problem = FitProblem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
-    x, gains = problem.start(), bench.gains(model.rig, sizes or model.sizes)
-    rows = problem.rows(x, gains)
+    problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
+    x, gains = problem.start(), segments.gains(model.rig, sizes or model.sizes)
+    rows = problem.residuals(x, gains)
     if rows is None or not problem.free:
-        return dict.fromkeys(bench.recordings, model.rig)
+        return dict.fromkeys(segments.recordings, model.rig)
     J = np.column_stack([problem.jacobian(x, gains, rows), rows])
-    of = split(bench, np.ones(len(rows))).T > 0.0
-    factors = [*(np.asarray(np.linalg.qr(J[own], mode="r")) for own in of), J[problem.bench_rows :]]
-    return {k: problem.rig(x + _step(factors, n)) for n, k in enumerate(bench.recordings)}
+    of = split(segments, np.ones(len(rows))).T > 0.0
+    factors = [*(np.asarray(np.linalg.qr(J[own], mode="r")) for own in of), J[problem.innovation_rows :]]
+    return {k: problem.rig(x + _step(factors, n)) for n, k in enumerate(segments.recordings)}
 
 
 def _step(factors: Sequence[Floats], n: int) -> Floats:
@@ -49,28 +49,28 @@ def _step(factors: Sequence[Floats], n: int) -> Floats:
 
 
 def predicted(
-    bench: Segments, motion: Motion, rigs: Mapping[int, Rig], model: FittedModel, less: Mapping[Key, FittedModel]
+    segments: Segments, motion: Motion, rigs: Mapping[int, Rig], model: FittedModel, less: Mapping[Key, FittedModel]
 ) -> dict[Key, tuple[float, ...]]:
     """Name -> per recording, the rms that is left there without the name over that with it, left out of both fits.
 
     rigs : :func:`left_out` of the model. less : the model without each name. At the sizes of the model; infinite
     where the rig without it runs away, NaN where that with it does.
     """
-    here = _left(bench, rigs, model.sizes)
+    here = _left(segments, rigs, model.sizes)
     return {
-        key: tuple((_left(bench, left_out(bench, motion, m, model.sizes), model.sizes) / here).tolist())
+        key: tuple((_left(segments, left_out(segments, motion, m, model.sizes), model.sizes) / here).tolist())
         for key, m in less.items()
     }
 
 
-def _left(bench: Segments, rigs: Mapping[int, Rig], sizes: Sizes) -> Floats:
+def _left(segments: Segments, rigs: Mapping[int, Rig], sizes: Sizes) -> Floats:
     """(recordings,) rms of the whitened innovations of each, by the rig for it; infinite where it runs away."""
     found = []
     for k, rig in rigs.items():
-        own = [(p, s) for p, s in zip(bench.predictors, sizes, strict=True) if p.readings.recording == k]
-        alone = Segments(bench.nominal, tuple(p for p, _ in own))
+        own = [(p, s) for p, s in zip(segments.predictors, sizes, strict=True) if p.readings.recording == k]
+        alone = Segments(segments.nominal, tuple(p for p, _ in own))
         try:
-            rows = alone.rows(rig, alone.gains(rig, tuple(s for _, s in own)))
+            rows = alone.residuals(rig, alone.gains(rig, tuple(s for _, s in own)))
         except (UserError, np.linalg.LinAlgError):
             rows = None
         found.append(np.inf if rows is None else float(np.sqrt(np.mean(rows**2))))

@@ -70,23 +70,23 @@ class FittedModel:
 
 
 class FitProblem:
-    """The values of one proposed rig on a bench.
+    """The values of one proposed rig on some segments.
 
     keys : of what it has beside the nominal rig. held : whether what the nominal rig says stays as it is in the rig.
     """
 
     def __init__(
-        self, bench: Segments, rig: Rig, keys: Sequence[Key], motion: Motion, stiff: float = STIFF,
+        self, segments: Segments, rig: Rig, keys: Sequence[Key], motion: Motion, stiff: float = STIFF,
         smooth: dict[Key, Floats] | None = None, held: bool = False,
     ) -> None:  # fmt: skip
-        self.bench, self.base, self.keys, self.stiff = bench, rig, tuple(keys), stiff
+        self.segments, self.base, self.keys, self.stiff = segments, rig, tuple(keys), stiff
         self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
         self.motion = motion
-        self.free = [] if held else nominal_free(bench.nominal, rig, bench.recordings)
-        self.free += zeros_free(bench.nominal, bench.spreads)
+        self.free = [] if held else nominal_free(segments.nominal, rig, segments.recordings)
+        self.free += zeros_free(segments.nominal, segments.spreads)
         self.priors = len(self.free)
         for key in self.keys:
-            self.free += effect_free(rig, key, motion(key[0]), bench.recordings)
+            self.free += effect_free(rig, key, motion(key[0]), segments.recordings)
         # what belongs to one recording takes no law's place in the others
         self.weights = np.array([stiff if f.recording is None else 1.0 for f in self.free[: self.priors]])
 
@@ -106,17 +106,17 @@ class FitProblem:
         if not here.any():
             return here
         try:
-            gains = self.bench.gains(self.base, sizes)
+            gains = self.segments.gains(self.base, sizes)
         except (UserError, np.linalg.LinAlgError):
             return here
-        costs = [np.inf if rows is None else rows @ rows for rows in (self.rows(x, gains) for x in (here, given))]
+        costs = [np.inf if rows is None else rows @ rows for rows in (self.residuals(x, gains) for x in (here, given))]
         return given if costs[1] < costs[0] else here
 
     def rig(self, x: Floats) -> Rig:
         """The rig at x."""
         return apply(self.base, self.free, x)
 
-    def beside(self, x: Floats) -> Floats:
+    def prior_residuals(self, x: Floats) -> Floats:
         """(rows,) of priors, and of how tables bend."""
         rows = [self.weights * x[: self.priors]]
         for key, root in self.smooth.items():
@@ -124,25 +124,25 @@ class FitProblem:
             rows.append(root @ np.array(values))
         return np.concatenate(rows)
 
-    def rows(
+    def residuals(
         self, x: Floats, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
     ) -> Floats | None:
-        """Whitened innovations, then :meth:`beside`; None where the rig cannot be, or does not stay finite.
+        """Whitened innovations, then :meth:`prior_residuals`; None where the rig cannot be, or does not stay finite.
 
-        recording, others : see :meth:`.Segments.rows`.
+        recording, others : see :meth:`.Segments.residuals`.
         """
         try:
-            found = self.bench.rows(self.rig(x), gains, recording, others)
+            found = self.segments.residuals(self.rig(x), gains, recording, others)
         except (UserError, np.linalg.LinAlgError):
             return None
-        return None if found is None else np.concatenate([found, self.beside(x)])
+        return None if found is None else np.concatenate([found, self.prior_residuals(x)])
 
-    def column(self, j: int, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
+    def sensitivity(self, j: int, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
         """(rows,) derivative by one parameter; 0 where it cannot be moved."""
         for step in (self.free[j].step, -self.free[j].step):
             z = x.copy()
             z[j] += step
-            there = self.rows(z, gains, self.free[j].recording, rows)
+            there = self.residuals(z, gains, self.free[j].recording, rows)
             if there is not None:
                 return (there - rows) / step
         return np.zeros_like(rows)
@@ -154,7 +154,7 @@ class FitProblem:
         """(rows, free). kept : an earlier one whose nominal columns are used again. near : nominal columns of another
         rig nearby, by title, without the rows beside."""
         J = np.zeros((len(rows), len(self.free))) if kept is None else kept.copy()
-        data, asked = self.bench_rows, []
+        data, asked = self.innovation_rows, []
         if near is None and kept is None and self.dear:
             near = self.leads(x, gains)
         for j, f in enumerate(self.free):
@@ -168,14 +168,14 @@ class FitProblem:
                 continue
             asked.append(j)
         some = spread if self.dear else map
-        for j, column in zip(asked, some(lambda j: self.column(j, x, gains, rows), asked), strict=True):
+        for j, column in zip(asked, some(lambda j: self.sensitivity(j, x, gains, rows), asked), strict=True):
             J[:, j] = column
         return J
 
     @property
     def dear(self) -> bool:
         """Whether passes are those of a simulator's model, and what it shows is its state."""
-        shown = {self.base.sensors[c].quantity for p in self.bench.predictors for c in p.readings.channels}
+        shown = {self.base.sensors[c].quantity for p in self.segments.predictors for c in p.readings.channels}
         return bool(self.base.config.model) and shown <= {"position", "velocity"}
 
     def leads(self, x: Floats, gains: Sequence[Gains], kept: bool = True) -> dict[str, Floats]:
@@ -196,21 +196,23 @@ class FitProblem:
                 if by:
                     moved[f.title], per[f.title] = (self.rig(z), by), f.per_x(x[j])
                     break
-        found = self.bench.leads(rig, moved, gains, kept) if moved else {}
+        found = self.segments.leads(rig, moved, gains, kept) if moved else {}
         return {title: per[title] * column for title, column in found.items()}
 
     @property
-    def bench_rows(self) -> int:
+    def innovation_rows(self) -> int:
         """Rows that are innovations."""
-        return self.bench.innovations
+        return self.segments.innovations
 
-    def solve(self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+    def gauss_newton(
+        self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None
+    ) -> tuple[Floats, float]:
         """(values at given sizes, sum of squares); infinite where the start does not stay finite."""
         try:
-            gains = self.bench.gains(self.base, sizes)
+            gains = self.segments.gains(self.base, sizes)
         except (UserError, np.linalg.LinAlgError):
             return x, np.inf
-        rows, damping = self.rows(x, gains), 1e-3
+        rows, damping = self.residuals(x, gains), 1e-3
         J: Floats | None = None
         if rows is None:
             return x, np.inf
@@ -226,7 +228,7 @@ class FitProblem:
                     step = -np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
                 except np.linalg.LinAlgError:
                     return x, here
-                there = self.rows(x + np.clip(step, -STEP_MAX, STEP_MAX), gains)
+                there = self.residuals(x + np.clip(step, -STEP_MAX, STEP_MAX), gains)
                 if there is not None and there @ there < here:
                     taken = x + np.clip(step, -STEP_MAX, STEP_MAX), there
                     break
@@ -248,16 +250,16 @@ class FitProblem:
         """
         both = (self.start(), np.zeros(len(self.free))) if np.abs(self.start()).max(initial=0.0) > 1.0 else (
             self.better_start(sizes),)  # fmt: skip
-        return min((self.solve(sizes, x, steps, near) for x in both), key=lambda found: found[1])
+        return min((self.gauss_newton(sizes, x, steps, near) for x in both), key=lambda found: found[1])
 
     def model(self, x: Floats, sizes: Sizes, likelihood: float) -> FittedModel:
         """What came of a fit."""
-        rig, beside = self.rig(x), self.beside(x)
+        rig, beside = self.rig(x), self.prior_residuals(x)
         loss = likelihood + float(beside @ beside)
         gone = any(rig.effect(*key) is None for key in self.keys)
         at_end = gone or any(f.at_end(xi) for f, xi in zip(self.free, x, strict=True))
         counts = self.degrees(x, sizes) if self.smooth else float(self.counts)
-        score = loss + np.log(self.bench.count) * counts
+        score = loss + np.log(self.segments.count) * counts
         return FittedModel(
             rig, self.keys, sizes, loss, counts, score, at_end, tuple(self.free), x, self.smooth, self.stiff
         )
@@ -265,19 +267,19 @@ class FitProblem:
     def degrees(self, x: Floats, sizes: Sizes) -> float:
         """Degrees of freedom of what was added: of a table held back, the trace of what its values answer for."""
         total = float(sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors]))
-        gains = self.bench.gains(self.base, sizes)
-        rows = self.rows(x, gains)
+        gains = self.segments.gains(self.base, sizes)
+        rows = self.residuals(x, gains)
         for key in self.keys:
             there = [j for j, f in enumerate(self.free) if f.key == key]
             if key not in self.smooth or rows is None:
                 total += len(there)
                 continue
-            J = np.column_stack([self.column(j, x, gains, rows) for j in there])
-            data = J[: self.bench_rows]
+            J = np.column_stack([self.sensitivity(j, x, gains, rows) for j in there])
+            data = J[: self.innovation_rows]
             total += float(np.trace(np.linalg.lstsq(J.T @ J, data.T @ data, rcond=1e-12)[0]))
         return total
 
-    def ladder(
+    def homotopy_fit(
         self, sizes: Sizes, x: Floats | None = None, rungs: Sequence[float] = LADDER, steps: int = 5
     ) -> FittedModel | None:
         """Values at smaller sizes first, then sizes; None where nothing stays finite."""
@@ -287,43 +289,45 @@ class FitProblem:
         for turn, share in enumerate(rungs):
             if turn and share < 1.0 and not better:
                 continue
-            at = self.bench.scaled(sizes, share)
-            found, squares = self.solve(at, x, steps)
+            at = self.segments.scaled(sizes, share)
+            found, squares = self.gauss_newton(at, x, steps)
             better = False
             if not np.isfinite(squares):
                 continue
             rig = self.rig(found)
-            tuned, likelihood = self.bench.tuned(rig, at, steps=(2.0, 0.7) if share < 1.0 else (0.7, 0.25), refresh=1)
-            beside = self.beside(found)
+            tuned, likelihood = self.segments.tuned(
+                rig, at, steps=(2.0, 0.7) if share < 1.0 else (0.7, 0.25), refresh=1
+            )
+            beside = self.prior_residuals(found)
             loss = likelihood + float(beside @ beside)
             if best is None or loss < best[0]:
                 better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
         return None if best is None else self.model(*best[1:])
 
 
-def without_name(bench: Segments, model: FittedModel, key: Key) -> FittedModel:
+def without_name(segments: Segments, model: FittedModel, key: Key) -> FittedModel:
     """A model without one of its names, all else as it is, at the sizes that it then needs."""
     rig = taken_out(model.rig, key)
     keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
-    return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
+    return replace(model, rig=rig, keys=keys, sizes=segments.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
 
 
-def as_given(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
+def as_given(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
     """A model with the parameters that the nominal rig gives, its names fitted anew; None where it is not finite."""
-    known = nominal_free(bench.nominal, model.rig, bench.recordings)
+    known = nominal_free(segments.nominal, model.rig, segments.recordings)
     rig = apply(model.rig, known, np.zeros(len(known)))
-    problem = FitProblem(bench, rig, model.keys, motion, model.stiff, model.smooth, held=True)
-    found = [problem.ladder(sizes, None, (1.0, 0.1, 1.0)) for sizes in (model.sizes, bench.tuned(rig)[0])]
+    problem = FitProblem(segments, rig, model.keys, motion, model.stiff, model.smooth, held=True)
+    found = [problem.homotopy_fit(sizes, None, (1.0, 0.1, 1.0)) for sizes in (model.sizes, segments.tuned(rig)[0])]
     return min((m for m in found if m is not None), key=lambda m: m.loss, default=None)
 
 
-def as_it_stands(bench: Segments, motion: Motion, model: FittedModel) -> FittedModel:
+def as_it_stands(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel:
     """A model at the values of its rig and the likeliest sizes, with priors as stiff as where names are compared."""
-    problem = FitProblem(bench, model.rig, model.keys, motion, STIFF, model.smooth)
-    return problem.model(problem.start(), *bench.tuned(model.rig, model.sizes))
+    problem = FitProblem(segments, model.rig, model.keys, motion, STIFF, model.smooth)
+    return problem.model(problem.start(), *segments.tuned(model.rig, model.sizes))
 
 
-def share_of(bench: Segments, model: FittedModel, key: Key) -> float:
+def share_of(segments: Segments, model: FittedModel, key: Key) -> float:
     """The part that a law makes of what acts at its place, or a sensor's error of what it reads.
 
     Rms, or a tenth of its largest where it acts rarely.
@@ -334,12 +338,12 @@ def share_of(bench: Segments, model: FittedModel, key: Key) -> float:
     most = 0.0
     try:
         bare = taken_out(model.rig, key)
-        all_gains = bench.gains(model.rig, model.sizes)
+        all_gains = segments.gains(model.rig, model.sizes)
     except UserError:
         return np.inf
     except np.linalg.LinAlgError:
         return 0.0
-    for p, gains in zip(bench.predictors, all_gains, strict=True):
+    for p, gains in zip(segments.predictors, all_gains, strict=True):
         found = p.run(model.rig, gains)
         n, v = len(p.linear.bodies), p.linear.speed
         gaps = sum(bool(bare.active(place, slots.JointPlay)) for place in bare.effects)

@@ -105,7 +105,7 @@ def modelled(
     its score is within :func:`margin` of the table's and of the best formula's; of several the one with the fewest
     parameters. It is then ``found_1`` (or the next number that is free in the process) in the rig.
     """
-    model, of_table = polished(search.bench, search.motion, model)
+    model, of_table = polished(search.segments, search.motion, model)
     at = Table(model.rig, table)
     knots, efforts = table_of(at.values)
     covariance = of_table.of_table(table)
@@ -117,7 +117,7 @@ def modelled(
         chosen = _chosen(search, model, trials)
         found, errors = _named(at, chosen) if chosen else None, of_table.errors
         if found:
-            found, of_formula = polished(search.bench, search.motion, found)
+            found, of_formula = polished(search.segments, search.motion, found)
             errors = of_formula.errors
         formulas = tuple(
             _formula(search, model, at, t, trials[0], found if t is chosen else None, errors) for t in trials
@@ -131,7 +131,7 @@ def modelled(
     points = np.column_stack([knots, efforts, np.sqrt(np.maximum(np.diag(covariance), 0.0))])
     return now, Modelled(
         table[0], effect, shape.over, state_unit, shape.times, unit, tuple((s, f, e) for s, f, e in points.tolist()),
-        instead_of, formulas, "", with_errors(now.rig, errors, recording=search.bench.recordings[-1]),
+        instead_of, formulas, "", with_errors(now.rig, errors, recording=search.segments.recordings[-1]),
     )  # fmt: skip
 
 
@@ -142,7 +142,7 @@ def margin(search: StepwiseSelection) -> float:
     more would win or lose by chance: 2 log N is a ratio of the evidence of N, which is beyond doubt for all that is
     recorded here (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
     """
-    count, rules = search.bench.count, search.rules
+    count, rules = search.segments.count, search.rules
     return max(rules.tie_ratio * rules.min_gain * count, 2.0 * math.log(count))
 
 
@@ -211,7 +211,7 @@ def _formula(
         parameters[p] = value, value - NORMAL95 * error, value + NORMAL95 * error
     kinds = trial.near.family.parameters
     units = {p: unit for p, what in kinds.items() if (unit := table.unit(what))}
-    left = math.exp(min((trial.model.score - model.score) / (2.0 * search.bench.count), 50.0))
+    left = math.exp(min((trial.model.score - model.score) / (2.0 * search.segments.count), 50.0))
     tied = bool(trial.model.score <= best.model.score + margin(search))
     return Formula(trial.near.family.words, table.law(trial.near), parameters, units, left, tied, found is not None)
 

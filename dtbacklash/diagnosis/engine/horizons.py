@@ -59,8 +59,8 @@ class Horizons:
     unknown forces, from one horizon to the next, as far as the judged model follows.
     """
 
-    def __init__(self, bench: Segments, motion: Motion, model: FittedModel) -> None:
-        self.bench, self.motion, self.model = bench, motion, model
+    def __init__(self, segments: Segments, motion: Motion, model: FittedModel) -> None:
+        self.segments, self.motion, self.model = segments, motion, model
         self.shares: tuple[float, ...] = ()
         self._filters: list[list[Floats]] = []
         self.reference = attempt(self._measured, model, self._longest)
@@ -70,7 +70,7 @@ class Horizons:
         return self._measured(m, self._as_long)
 
     def _measured(self, m: FittedModel, lengthen: Callable[[FitProblem, Fit], Fit | None]) -> Squares | None:
-        problem = FitProblem(self.bench, m.rig, m.keys, self.motion, self.model.stiff, m.smooth)
+        problem = FitProblem(self.segments, m.rig, m.keys, self.motion, self.model.stiff, m.smooth)
         fit = self._fitted(problem, problem.start(), 1.0, STEPS)
         if fit is None:
             return None
@@ -81,17 +81,17 @@ class Horizons:
         return Squares({view: self._sums(one) for view, one in rows.items()}, float(fit[1] @ fit[1]))
 
     def _fitted(self, problem: FitProblem, x: Floats, share: float, steps: int) -> Fit | None:
-        sizes: Sizes = self.bench.scaled(self.model.sizes, share)
-        x, squares = problem.solve(sizes, x, steps)
+        sizes: Sizes = self.segments.scaled(self.model.sizes, share)
+        x, squares = problem.gauss_newton(sizes, x, steps)
         if not np.isfinite(squares):
             return None
-        gains = self.bench.gains(problem.base, sizes)
-        rows = problem.rows(x, gains)
+        gains = self.segments.gains(problem.base, sizes)
+        rows = problem.residuals(x, gains)
         return None if rows is None else (x, rows, gains)
 
     def _longest(self, problem: FitProblem, fit: Fit) -> Fit:
         """The fit at the longest horizon that the judged model follows."""
-        data = problem.bench_rows
+        data = problem.innovation_rows
         most = FOLLOWS * float(fit[1][:data] @ fit[1][:data])
         for share in LONGER:
             far = attempt(self._fitted, problem, fit[0], share, STEPS_LONGER)
@@ -111,7 +111,7 @@ class Horizons:
 
     def _whitened_fit(self, problem: FitProblem, x: Floats, rows: Floats, gains: list[Gains]) -> Floats:
         """(rows,) whitened by what the judged model leaves, after one more step of the fit to them."""
-        data = problem.bench_rows
+        data = problem.innovation_rows
         if not self._filters:
             self._filters = [[_whitening(channel) for channel in e.T] for e in self._split(rows)]
         J = problem.jacobian(x, gains, rows)
@@ -125,7 +125,7 @@ class Horizons:
     def _split(self, rows: Floats) -> list[Floats]:
         """(samples, channels) of each stretch of recording."""
         found, first = [], 0
-        for p in self.bench.predictors:
+        for p in self.segments.predictors:
             found.append(rows[first : first + p.readings.y.size].reshape(p.readings.y.shape))
             first += p.readings.y.size
         return found

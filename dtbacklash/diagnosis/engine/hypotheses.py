@@ -86,12 +86,12 @@ class Hypothesis:
 
 
 def hypotheses(
-    bench: Segments, rig: Rig, motion: Motion, without: tuple[Key, ...] = (), tables: bool = False
+    segments: Segments, rig: Rig, motion: Motion, without: tuple[Key, ...] = (), tables: bool = False
 ) -> Iterator[Hypothesis]:
     """All laws that a rig may lack, at each of their starts; or all tables. without : keys that are not asked about."""
-    unseen = unseen_positions(bench)
+    unseen = unseen_positions(segments)
     for place in rig.places:
-        if place.startswith(SENSOR_PREFIX) and place not in bench.sensors:
+        if place.startswith(SENSOR_PREFIX) and place not in segments.sensors:
             continue
         for effect in rig.takes(place).values():
             if (
@@ -107,14 +107,14 @@ def hypotheses(
                 continue
             if not _possible(rig, place, effect) or not _of_both_signs(effect, motion.states(place)):
                 continue
-            starts = _table(place, effect, motion) if tables else _laws(place, effect, motion, bench.anywhere)
+            starts = _table(place, effect, motion) if tables else _laws(place, effect, motion, segments.anywhere)
             yield from attempt(list, starts) or ()
 
 
-def unseen_positions(bench: Segments) -> set[str]:
+def unseen_positions(segments: Segments) -> set[str]:
     """Bodies whose position no reading shows, as none but speeds are read."""
-    L = bench.linear
-    scale = np.array([max(bench.predictors[0].spread.get(s, 1.0), 1e-12) for s in L.states])
+    L = segments.linear
+    scale = np.array([max(segments.predictors[0].spread.get(s, 1.0), 1e-12) for s in L.states])
     fixed = np.vstack([(L.A[1] - np.eye(len(scale))) * scale / scale[:, None], L.C[1] * scale])
     hidden = null_space(fixed, rcond=1e-9)
     if not hidden.size:

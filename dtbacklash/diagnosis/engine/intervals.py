@@ -67,18 +67,18 @@ class Values:
         return covariance
 
 
-def values(bench: Segments, motion: Motion, model: FittedModel) -> Values:
+def values(segments: Segments, motion: Motion, model: FittedModel) -> Values:
     """What the values of a model may be off by; nominal parameters are believed as they are given."""
-    problem = _problem(bench, motion, model, 1.0)
-    x, gains = problem.start(), bench.gains(model.rig, model.sizes)
-    rows = problem.rows(x, gains)
+    problem = _problem(segments, motion, model, 1.0)
+    x, gains = problem.start(), segments.gains(model.rig, model.sizes)
+    rows = problem.residuals(x, gains)
     if rows is None or not problem.free:
         nothing = np.zeros(0) if rows is None else rows
         n = len(problem.free)
         return Values(tuple(problem.free), x, np.zeros((len(nothing), n)), nothing, np.full((n, n), np.nan), {})
     led = problem.leads(x, gains, kept=problem.dear)
     jacobian = _along_the_least_seen(problem, x, gains, _columns(problem, x, gains, rows, led), led)
-    covariance = covariance_of(jacobian, rows, stretches(bench))
+    covariance = covariance_of(jacobian, rows, stretches(segments))
     return Values(tuple(problem.free), x, jacobian, rows, covariance, _errors(model, problem.free, x, covariance))
 
 
@@ -92,20 +92,20 @@ def _errors(model: FittedModel, free: Sequence[FreeParameter], x: Floats, covari
     return errors
 
 
-def polished(bench: Segments, motion: Motion, model: FittedModel) -> tuple[FittedModel, Values]:
+def polished(segments: Segments, motion: Motion, model: FittedModel) -> tuple[FittedModel, Values]:
     """A model after steps by precise differences, its sizes and priors as they are, while it is likelier; its values.
 
     A fit ends where a step by rough differences brings little: in directions that are hardly seen, standard errors off.
-    bench : in fine steps (:attr:`.Bench.fine`) where intervals count. Rough times of sticking and slipping make
+    segments : in fine steps (:attr:`.Bench.fine`) where intervals count. Rough times of sticking and slipping make
     innovations jump: noise in their differences, by which a direction that changes nothing seems to be seen.
     """
-    problem = _problem(bench, motion, model, model.stiff)
+    problem = _problem(segments, motion, model, model.stiff)
     model = _at(problem, model, problem.start()) or model
-    found = values(bench, motion, model)
+    found = values(segments, motion, model)
     for _ in range(POLISHED):
-        problem = _problem(bench, motion, model, model.stiff)
+        problem = _problem(segments, motion, model, model.stiff)
         own = np.ones(len(found.rows))
-        own[problem.bench_rows : problem.bench_rows + problem.priors] = problem.weights
+        own[problem.innovation_rows : problem.innovation_rows + problem.priors] = problem.weights
         jacobian, rows = found.jacobian * own[:, None], found.rows * own
         if not found.errors:
             break
@@ -116,47 +116,47 @@ def polished(bench: Segments, motion: Motion, model: FittedModel) -> tuple[Fitte
         if better is None or not better.loss < model.loss:
             break
         model = better
-        found = values(bench, motion, model)
-    return model, _over_horizons(bench, motion, model, found)
+        found = values(segments, motion, model)
+    return model, _over_horizons(segments, motion, model, found)
 
 
-def _over_horizons(bench: Segments, motion: Motion, model: FittedModel, found: Values) -> Values:
+def _over_horizons(segments: Segments, motion: Motion, model: FittedModel, found: Values) -> Values:
     """The same values, as uncertain as they differ at a longer horizon of the predictor, too.
 
     A right model has the same values at any horizon. What it lacks is systematic: it pulls alike in every stretch, so
     that no scatter shows it, but it pulls more the less the readings correct the rig.
     """
-    problem = _problem(bench, motion, model, model.stiff)
-    far, squares = problem.solve(bench.scaled(model.sizes, LADDER[0]), found.x, 2)
+    problem = _problem(segments, motion, model, model.stiff)
+    far, squares = problem.gauss_newton(segments.scaled(model.sizes, LADDER[0]), found.x, 2)
     if not found.errors or not np.isfinite(squares):
         return found
     covariance = found.covariance + np.outer(far - found.x, far - found.x)
     return replace(found, covariance=covariance, errors=_errors(model, found.free, found.x, covariance))
 
 
-def _problem(bench: Segments, motion: Motion, model: FittedModel, stiff: float) -> FitProblem:
+def _problem(segments: Segments, motion: Motion, model: FittedModel, stiff: float) -> FitProblem:
     """The values of a model about itself; what came to nothing in its rig has none."""
     keys = [key for key in model.keys if model.rig.effect(*key) is not None]
-    return FitProblem(bench, model.rig, keys, motion, stiff, model.smooth)
+    return FitProblem(segments, model.rig, keys, motion, stiff, model.smooth)
 
 
 def _at(problem: FitProblem, model: FittedModel, x: Floats) -> FittedModel | None:
     """The model at other values; None where its simulation does not run."""
-    bench = problem.bench
+    segments = problem.segments
     try:
         rig = problem.rig(x)
-        gains = bench.gains(rig, model.sizes)
-        likelihood = sum(p.likelihood(rig, g) for p, g in zip(bench.predictors, gains, strict=True))
+        gains = segments.gains(rig, model.sizes)
+        likelihood = sum(p.likelihood(rig, g) for p, g in zip(segments.predictors, gains, strict=True))
     except (UserError, np.linalg.LinAlgError):
         return None
     return problem.model(x, model.sizes, likelihood)
 
 
-def stretches(bench: Segments, number: int = STRETCHES) -> list[slice]:
+def stretches(segments: Segments, number: int = STRETCHES) -> list[slice]:
     """About so many equal stretches of the rows that are innovations; none reaches into another recording."""
-    samples = [len(p.readings.y) for p in bench.predictors]
+    samples = [len(p.readings.y) for p in segments.predictors]
     found, first = [], 0
-    for p, n in zip(bench.predictors, samples, strict=True):
+    for p, n in zip(segments.predictors, samples, strict=True):
         channels = p.readings.y.shape[1]
         ends = np.linspace(0, n, max(1, round(number * n / sum(samples))) + 1).astype(int)
         found += [slice(first + a * channels, first + b * channels) for a, b in pairwise(ends.tolist())]
@@ -233,7 +233,7 @@ def _columns(
     def fill(j: int) -> None:
         f = problem.free[j]
         # over the usual step of a fit the innovations of a light resonance bend by more than what is unseen adds up to
-        rough = float(np.linalg.norm(led[f.title] if f.title in led else problem.column(j, x, gains, rows)))
+        rough = float(np.linalg.norm(led[f.title] if f.title in led else problem.sensitivity(j, x, gains, rows)))
         h = min(f.step, CHANGE / max(rough, 1e-300))
         ends: dict[float, Floats] = {}
         for sign in (-1.0, 1.0):
@@ -242,7 +242,7 @@ def _columns(
             z = x.copy()
             z[j] += sign * h
             there = (
-                problem.rows(z, gains, f.recording, rows)
+                problem.residuals(z, gains, f.recording, rows)
                 if f.role is Role.ANGLE or f.low < f.value(z[j]) < f.high
                 else None
             )
@@ -276,7 +276,7 @@ def _along_the_least_seen(
             step = unit / norms
             before = jacobian @ step
             h = min(WIDE / float(np.abs(step).max()), CHANGE / max(float(np.linalg.norm(before)), 1e-300))
-            low, high = problem.rows(x - h * step, gains), problem.rows(x + h * step, gains)
+            low, high = problem.residuals(x - h * step, gains), problem.residuals(x + h * step, gains)
             if low is None or high is None:
                 continue
             there = (high - low) / (2.0 * h)

@@ -25,9 +25,9 @@ FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 class Motion(Trajectory):
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
-    def __init__(self, bench: Segments, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
-        linear, readings = bench.linear, [p.readings for p in bench.predictors]
-        self._predictors, self._passes, self._readings = bench.predictors, passes, readings
+    def __init__(self, segments: Segments, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
+        linear, readings = segments.linear, [p.readings for p in segments.predictors]
+        self._predictors, self._passes, self._readings = segments.predictors, passes, readings
         drives = [e.name for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
         inputs = [r.inputs for r in readings if r.inputs is not None]
         super().__init__(
@@ -166,16 +166,16 @@ class Motion(Trajectory):
         return next(iter(self.position), None)
 
 
-def motion_of(bench: Segments, rig: Rig, gains: list[Gains]) -> Motion:
+def motion_of(segments: Segments, rig: Rig, gains: list[Gains]) -> Motion:
     """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
     passes, kicks = [], []
-    for p, g in zip(bench.predictors, gains, strict=True):
+    for p, g in zip(segments.predictors, gains, strict=True):
         found = p.run(rig, g)
         X = found.X
         if X.shape[1] == g.K.shape[2]:
             Z = corrected(X, found.D, g, p.readings.which(g.opening, p.readings.y))
-            kicks.append(Z[:, : len(bench.linear.states)] - X[:, : len(bench.linear.states)])
+            kicks.append(Z[:, : len(segments.linear.states)] - X[:, : len(segments.linear.states)])
             Z[:-1] = 0.5 * (Z[:-1] + X[1:])
             found = replace(found, X=Z)
         passes.append(found)
-    return Motion(bench, rig, passes, np.concatenate(kicks) if len(kicks) == len(passes) else None)
+    return Motion(segments, rig, passes, np.concatenate(kicks) if len(kicks) == len(passes) else None)

@@ -31,13 +31,13 @@ class RecordingValue:
 
 
 def in_each(
-    bench: Segments, model: FittedModel, values: Values, titles: Collection[str]
+    segments: Segments, model: FittedModel, values: Values, titles: Collection[str]
 ) -> dict[str, tuple[RecordingValue, ...]]:
     """Title -> its value in each recording; empty of one recording.
 
     The shared column is split into one for each recording, and the fit moves on by one step.
     """
-    if len(bench.recordings) < 2 or not values.errors:
+    if len(segments.recordings) < 2 or not values.errors:
         return {}
     found: dict[str, tuple[RecordingValue, ...]] = {}
     for j, f in enumerate(values.free):
@@ -48,21 +48,21 @@ def in_each(
             one = _of(f, model, size, values.errors[f.place, f.effect, f.label], size, True)
             found[f.shared_title] = (*found.get(f.shared_title, ()), one)
         elif may_differ(f, model.rig):
-            found[f.shared_title] = _split(bench, model, values, j)
+            found[f.shared_title] = _split(segments, model, values, j)
     return found
 
 
-def _split(bench: Segments, model: FittedModel, values: Values, j: int) -> tuple[RecordingValue, ...]:
+def _split(segments: Segments, model: FittedModel, values: Values, j: int) -> tuple[RecordingValue, ...]:
     """The shared value j in each recording."""
     f, x = values.free[j], values.x[j]
-    each = split(bench, values.jacobian[:, j])
+    each = split(segments, values.jacobian[:, j])
     J = np.hstack([np.delete(values.jacobian, j, axis=1), each])
     n = each.shape[1]
     moved = -(inverse(J) @ (J.T @ values.rows))[-n:]
-    variances = np.diag(covariance_of(J, values.rows, stretches(bench)))[-n:]
+    variances = np.diag(covariance_of(J, values.rows, stretches(segments)))[-n:]
     slope, found = abs(float(f.per_x(x))), []
     law = slope * find(model.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
-    for k, step, variance, column in zip(bench.recordings, moved, variances, each.T, strict=True):
+    for k, step, variance, column in zip(segments.recordings, moved, variances, each.T, strict=True):
         error = float(np.hypot(slope * np.sqrt(max(variance, 0.0)), law)) if column.any() else np.inf
         value = f.value(x) + slope * float(step) if column.any() else np.nan
         found.append(_of(f, model, value, error, f.value(x), False, k))

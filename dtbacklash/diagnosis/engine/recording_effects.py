@@ -39,12 +39,12 @@ def differ(search: StepwiseSelection, named: Sequence[FittedModel]) -> bool:
     It has to earn what a name has to, and more than the best new name. A parameter of the rig is not freed while much
     is unknown: it would stand for what is missing.
     """
-    bench, now, rules = search.bench, search.now, search.rules
-    if len(bench.recordings) < 2 or len(search.differences) >= MOST:
+    segments, now, rules = search.segments, search.now, search.rules
+    if len(segments.recordings) < 2 or len(search.differences) >= MOST:
         return False
     found: list[tuple[FittedModel, str]] = []
     for model in (now, *named[:1]):
-        for gain, title in differing(bench, model, search.motion)[:FITTED]:
+        for gain, title in differing(segments, model, search.motion)[:FITTED]:
             if gain > search.least and (done := _freed(search, model, title)) is not None:
                 left = search.unknown(done)
                 if "." in title or left < max(
@@ -64,14 +64,14 @@ def differ(search: StepwiseSelection, named: Sequence[FittedModel]) -> bool:
     if best.score > min(least - search.least, now.score - search.asked(best, now)):
         return False
     search.now, search.differences = best, (*search.differences, title)
-    search.trim()
+    search.eliminate_backward()
     return True
 
 
 def _differing_names(search: StepwiseSelection) -> list[tuple[FittedModel, str]]:
     """The likeliest new names, one alone, each with a size that is free in each recording, from what each asks for."""
     found: list[tuple[FittedModel, str]] = []
-    for gain, title, rig, keys in named_apart(search.bench, search.now, search.apart)[:FITTED]:
+    for gain, title, rig, keys in named_apart(search.segments, search.now, search.apart)[:FITTED]:
         done = search.fitted(rig, search.now, keys, (0.1, 0.1, 1.0), 5) if gain > search.least else None
         if done is not None and not done.at_end:
             found.append((done, title))
@@ -79,7 +79,7 @@ def _differing_names(search: StepwiseSelection) -> list[tuple[FittedModel, str]]
 
 
 def named_apart(
-    bench: Segments, model: FittedModel, differing: Sequence[tuple[float, Hypothesis, Floats]]
+    segments: Segments, model: FittedModel, differing: Sequence[tuple[float, Hypothesis, Floats]]
 ) -> list[tuple[float, str, Rig, tuple[Key, ...]]]:
     """Gain, title, rig with a new name whose size is each recording's own, and all its names, best first.
 
@@ -89,7 +89,7 @@ def named_apart(
     for gain, h, sizes in differing:
         size = h.effect.size
         title = f"{h.place}.{h.effect.name}.{size.name}"
-        owned = ((k, title) for k in bench.recordings)
+        owned = ((k, title) for k in segments.recordings)
         each = dict(zip(owned, np.clip(sizes, size.low, size.high), strict=True))
         try:
             rig = h.put(model.rig, None if h.as_it_is else sizes[np.argmax(np.abs(sizes))][None])
@@ -101,7 +101,7 @@ def named_apart(
 
 def _freed(search: StepwiseSelection, model: FittedModel, title: str) -> FittedModel | None:
     """A model with a value free in each recording; None where it does not fit."""
-    rig = freed(model.rig, title, search.bench.recordings)
+    rig = freed(model.rig, title, search.segments.recordings)
     done = search.fitted(rig, model, model.keys, (1.0, 0.1, 1.0), 5)
     return None if done is None or done.at_end else done
 
@@ -114,8 +114,8 @@ def alike(search: StepwiseSelection) -> None:
         if rest and search.now.rig.effect(place, rest[0]) is None:
             search.differences = others
             continue
-        now, bench = search.now, search.bench
-        one = joined(now.rig, title, bench.recordings)
+        now, segments = search.now, search.segments
+        one = joined(now.rig, title, segments.recordings)
         whole = all(one.effect(*key) is not None for key in now.keys)
         less = search.fitted(one, now, now.keys, (1.0, 0.1, 1.0), 5) if whole else None
         if less is None or less.at_end:
@@ -123,18 +123,18 @@ def alike(search: StepwiseSelection) -> None:
         if less.score < now.score + search.asked(now, less):
             search.now, search.differences = less, others
             continue
-        for _, other in differing(bench, less, search.motion)[:FITTED]:
+        for _, other in differing(segments, less, search.motion)[:FITTED]:
             done = _freed(search, less, other) if other != title else None
             if done is not None and done.score < search.now.score - search.least:
                 search.now, search.differences = done, (*others, other)
 
 
-def differing(bench: Segments, model: FittedModel, motion: Motion) -> list[tuple[float, str]]:
+def differing(segments: Segments, model: FittedModel, motion: Motion) -> list[tuple[float, str]]:
     """(fall of -2 log likelihood less what it costs, title) of what may differ between recordings, best first."""
-    problem = FitProblem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
-    x, gains = problem.start(), bench.gains(model.rig, model.sizes)
-    rows = problem.rows(x, gains)
-    if rows is None or len(bench.recordings) < 2:
+    problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
+    x, gains = problem.start(), segments.gains(model.rig, model.sizes)
+    rows = problem.residuals(x, gains)
+    if rows is None or len(segments.recordings) < 2:
         return []
     jacobian = problem.jacobian(x, gains, rows)
     norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
@@ -144,14 +144,14 @@ def differing(bench: Segments, model: FittedModel, motion: Motion) -> list[tuple
     for j, f in enumerate(problem.free):
         if not may_differ(f, model.rig):
             continue
-        columns = split(bench, jacobian[:, j])[:, 1:]  # the first follows from the others and the shared one
+        columns = split(segments, jacobian[:, j])[:, 1:]  # the first follows from the others and the shared one
         own = columns - basis @ (basis.T @ columns)
         columns = own[:, (own**2).sum(axis=0) > OWN * np.maximum((columns**2).sum(axis=0), 1e-300)]
         if not columns.size:
             continue
         told = np.linalg.lstsq(columns, left, rcond=OWN)[0]
         gain = float(left @ left - np.sum((left - columns @ told) ** 2))
-        found.append((gain - float(np.log(bench.count)) * columns.shape[1], f.shared_title))
+        found.append((gain - float(np.log(segments.count)) * columns.shape[1], f.shared_title))
     return sorted(found, reverse=True)
 
 
@@ -162,12 +162,12 @@ def may_differ(f: FreeParameter, rig: Rig) -> bool:
     return not f.effect or f.name == find(rig.kind_at(f.place), f.effect, f.place).size.name
 
 
-def split(bench: Segments, column: Floats) -> Floats:
+def split(segments: Segments, column: Floats) -> Floats:
     """(rows, recordings) a column's rows in each recording, 0 in the others; rows of priors are in none."""
-    found, first = np.zeros((len(column), len(bench.recordings))), 0
-    for p in bench.predictors:
+    found, first = np.zeros((len(column), len(segments.recordings))), 0
+    for p in segments.predictors:
         at = slice(first, first + p.readings.y.size)
-        found[at, bench.recordings.index(p.readings.recording)] = column[at]
+        found[at, segments.recordings.index(p.readings.recording)] = column[at]
         first = at.stop
     return found
 

@@ -44,128 +44,132 @@ class ScaleError:
     loss: float
 
 
-def begin(bench: Segments, rules: DiagnoseSettings) -> ScaleError | None:
+def begin(segments: Segments, rules: DiagnoseSettings) -> ScaleError | None:
     """The gain that is off by a factor, if one explains most of what the nominal rig lacks, and no parameter more.
 
     Of several that nothing tells apart a sensor's; the amplifier's is none where a parameter does the same.
     """
-    gains = near_best(bench, gains_off(bench, bench.nominal), rules.min_gain)
+    gains = near_best(segments, gains_off(segments, segments.nominal), rules.min_gain)
     if not gains:
         return None
     sensors = [one for one in gains if one.key[0].startswith(SENSOR_PREFIX)]
     best = [*sensors, *gains][0]
-    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, {*NUMBERS, best.factor})], rules.min_gain)
+    near = near_best(
+        segments, [best, *numbers_off(segments, segments.nominal, rules, {*NUMBERS, best.factor})], rules.min_gain
+    )
     return best if best in near and (sensors or len(near) == 1) else None
 
 
 def numbers_instead(
-    bench: Segments, sizes: Sizes, model: FittedModel, motion: Motion, worth: float
+    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, worth: float
 ) -> list[ScaleError]:
     """Parameters of the rig that, off by the factor of a gain of a model, do what it does; all else fitted anew.
 
-    sizes : of the model, on this bench. A gain that is off by less than a radius for a diameter has none.
+    sizes : of the model, on these segments. A gain that is off by less than a radius for a diameter has none.
     """
     found: list[ScaleError] = []
     for key in model.keys:
         times = 1.0 + model.rig.effects[key[0]][key[1]]["relative"] if key[1] == GAIN else 1.0
         if abs(np.log(times)) < LEAST:
             continue
-        with_gain = FitProblem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
+        with_gain = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0,))
         bare = replace(model, rig=taken_out(model.rig, key), keys=tuple(k for k in model.keys if k != key))
-        for name in _numbers(bench, bench.nominal) if with_gain else ():
+        for name in _numbers(segments, segments.nominal) if with_gain else ():
             for factor in (times, 1.0 / times):
-                m = _with_number(bench, sizes, bare, motion, name, factor)
-                if m is not None and with_gain is not None and m.loss < with_gain.loss + worth * bench.count:
+                m = _with_number(segments, sizes, bare, motion, name, factor)
+                if m is not None and with_gain is not None and m.loss < with_gain.loss + worth * segments.count:
                     found.append(ScaleError(("", name), factor, m.rig, m.sizes, m.loss))
     return sorted(found, key=lambda one: one.loss)
 
 
 def numbers_suspected(
-    bench: Segments, sizes: Sizes, model: FittedModel, motion: Motion, rules: DiagnoseSettings, begun: Rig
+    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, rules: DiagnoseSettings, begun: Rig
 ) -> list[ScaleError]:
     """Parameters of the rig that explain more, off by a factor, than the names of a model do, the likeliest first.
 
     The rig with such a number, the names fitted anew or gone, has to be likelier than the model by what a name earns,
-    and to leave less unknown force. sizes : of the model, on this bench. begun : the rig from which the search began.
+    and to leave less unknown force. sizes : of the model, here. begun : the rig from which the search began.
     """
-    suspects = near_best(bench, numbers_off(bench, begun, rules), rules.min_gain)
+    suspects = near_best(segments, numbers_off(segments, begun, rules), rules.min_gain)
     if not suspects or not model.keys:
         return suspects
-    named = FitProblem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
+    named = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0,))
     if named is None:
         return suspects
     found, alone = [], replace(model, rig=begun, keys=())
     for one in suspects:
-        fits = [_with_number(bench, one.sizes, m, motion, one.key[1], one.factor) for m in (model, alone)]
+        fits = [_with_number(segments, one.sizes, m, motion, one.key[1], one.factor) for m in (model, alone)]
         best = min((m for m in fits if m is not None), key=lambda m: m.score, default=None)
-        if best is None or bench.most_unknown(best.sizes) > bench.most_unknown(named.sizes):
+        if best is None or segments.most_unknown(best.sizes) > segments.most_unknown(named.sizes):
             continue
-        if best.score < named.score - rules.min_gain * bench.count:
+        if best.score < named.score - rules.min_gain * segments.count:
             found.append(replace(one, rig=best.rig, sizes=best.sizes, loss=best.loss))
     return found
 
 
 def _with_number(
-    bench: Segments, sizes: Sizes, model: FittedModel, motion: Motion, name: str, factor: float
+    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, name: str, factor: float
 ) -> FittedModel | None:  # fmt: skip
     """A model with a parameter of the rig off by a factor, fitted anew; None where that is no rig."""
-    away = {name: factor * bench.nominal.config.parameters[name].value}
+    away = {name: factor * segments.nominal.config.parameters[name].value}
     try:
-        there = replace(bench, nominal=bench.nominal.with_parameters(away))
+        there = replace(segments, nominal=segments.nominal.with_parameters(away))
         rig = model.rig.with_parameters(away)
-        return FitProblem(there, rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0))
+        return FitProblem(there, rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0, 0.1, 1.0))
     except (UserError, np.linalg.LinAlgError):
         return None
 
 
-def _numbers(bench: Segments, rig: Rig) -> dict[str, float]:
+def _numbers(segments: Segments, rig: Rig) -> dict[str, float]:
     """The parameters of a rig that have a tolerance."""
-    return {f.name: rig.config.parameters[f.name].value for f in nominal_free(bench.nominal) if not f.effect}
+    return {f.name: rig.config.parameters[f.name].value for f in nominal_free(segments.nominal) if not f.effect}
 
 
-def gains_off(bench: Segments, rig: Rig) -> list[ScaleError]:
+def gains_off(segments: Segments, rig: Rig) -> list[ScaleError]:
     """Each gain of a sensor or an amplifier at its likeliest factor, if that explains most of what is missing."""
-    amplifier, before = rig.only("amplifier"), bench.tuned(rig)[1]
+    amplifier, before = rig.only("amplifier"), segments.tuned(rig)[1]
     best: dict[Key, ScaleError] = {}
-    for place in [*sorted(bench.sensors), *([amplifier.name] if amplifier else [])]:
+    for place in [*sorted(segments.sensors), *([amplifier.name] if amplifier else [])]:
         if GAIN not in rig.takes(place) or rig.effect(place, GAIN) is not None:
             continue
         for way in (1.0, -1.0):
             last: ScaleError | None = None
             for factor in (*GAINS, BEYOND):
                 times = factor**way
-                one = _off(bench, (place, GAIN), times, rig.with_effect(place, GAIN, {"relative": times - 1.0}))
+                one = _off(segments, (place, GAIN), times, rig.with_effect(place, GAIN, {"relative": times - 1.0}))
                 if one is None or not one.loss < (last.loss if last else before):
                     if last is not None:  # what is left of a gain's error falls all the way to its factor
                         best[last.key] = _likelier(best.get(last.key), last)
                     break
                 last = one
-    return [one for one in best.values() if before - one.loss > _mostly(bench, before)]
+    return [one for one in best.values() if before - one.loss > _mostly(segments, before)]
 
 
 def numbers_off(
-    bench: Segments, rig: Rig, rules: DiagnoseSettings, factors: Collection[float] = NUMBERS
+    segments: Segments, rig: Rig, rules: DiagnoseSettings, factors: Collection[float] = NUMBERS
 ) -> list[ScaleError]:
     """The same of the rig's parameters; or those that earn what a name does, and clear the unknown force as it does."""
-    sizes, before = bench.tuned(rig)
-    little, earned = rules.clearing_ratio * bench.most_unknown(sizes), rules.min_gain * bench.count
+    sizes, before = segments.tuned(rig)
+    little, earned = rules.clearing_ratio * segments.most_unknown(sizes), rules.min_gain * segments.count
     best: dict[Key, ScaleError] = {}
     ways = sorted({way for one in factors for way in (one, 1.0 / one)})
-    asked = [(name, by, rig.with_parameters({name: by * v})) for name, v in _numbers(bench, rig).items() for by in ways]
-    for one in spread(lambda a: _off(bench, ("", a[0]), *a[1:]), asked):
+    asked = [
+        (name, by, rig.with_parameters({name: by * v})) for name, v in _numbers(segments, rig).items() for by in ways
+    ]
+    for one in spread(lambda a: _off(segments, ("", a[0]), *a[1:]), asked):
         if one is not None:
             best[one.key] = _likelier(best.get(one.key), one)
     return [
-        one for one in best.values() if before - one.loss > _mostly(bench, before)
-        or (bench.most_unknown(one.sizes) < little and before - one.loss > earned)
+        one for one in best.values() if before - one.loss > _mostly(segments, before)
+        or (segments.most_unknown(one.sizes) < little and before - one.loss > earned)
     ]  # fmt: skip
 
 
-def _off(bench: Segments, key: Key, factor: float, other: Rig) -> ScaleError | None:
+def _off(segments: Segments, key: Key, factor: float, other: Rig) -> ScaleError | None:
     """What is off by a factor, with zeros and sizes anew; None where the rig cannot be so."""
     try:
-        there = zeroed(bench, other)
-        return ScaleError(key, factor, there, *bench.tuned(there))
+        there = zeroed(segments, other)
+        return ScaleError(key, factor, there, *segments.tuned(there))
     except (UserError, np.linalg.LinAlgError):
         return None
 
@@ -174,12 +178,12 @@ def _likelier(first: ScaleError | None, second: ScaleError) -> ScaleError:
     return second if first is None or second.loss < first.loss else first
 
 
-def _mostly(bench: Segments, before: float) -> float:
+def _mostly(segments: Segments, before: float) -> float:
     """Most of what a model could bring that leaves noise alone, -2 log likelihood."""
-    return MOSTLY * max(before - bench.floor, 0.0)
+    return MOSTLY * max(before - segments.floor, 0.0)
 
 
-def near_best(bench: Segments, found: Sequence[ScaleError], worth: float) -> list[ScaleError]:
+def near_best(segments: Segments, found: Sequence[ScaleError], worth: float) -> list[ScaleError]:
     """The likeliest, and what a name's worth does not tell from it: only ratios of some numbers show; best first."""
     best = min((one.loss for one in found), default=0.0)
-    return sorted((one for one in found if one.loss <= best + worth * bench.count), key=lambda one: one.loss)
+    return sorted((one for one in found if one.loss <= best + worth * segments.count), key=lambda one: one.loss)

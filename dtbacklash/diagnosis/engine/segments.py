@@ -105,7 +105,7 @@ class Segments:
         """Sizes with other unknown forces."""
         return tuple(p.scaled(s, factor) for p, s in zip(self.predictors, sizes, strict=True))
 
-    def rows(
+    def residuals(
         self, rig: Rig, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
     ) -> Floats | None:
         """(readings,) whitened innovations, sample after sample; None where a pass does not stay finite.
@@ -144,10 +144,10 @@ class Segments:
         if not coarse:
             return False
         gains = self.gains(rig, self.scaled(sizes, STRICT))  # what is rough makes forces seem unknown
-        rough = self.rows(rig, gains)
+        rough = self.residuals(rig, gains)
         for simulated in coarse:
             simulated.finely = True
-        fine = self.rows(rig, gains)
+        fine = self.residuals(rig, gains)
         if rough is None or fine is None or np.sum((fine - rough) ** 2) > worth:
             return True
         for simulated in coarse:

@@ -49,7 +49,7 @@ _Tuned = tuple[float, Rig, tuple[Key, ...], Sizes]
 
 @dataclass
 class StepwiseSelection:
-    """What a rig lacks, on a bench.
+    """What a rig lacks, by stepwise selection.
 
     nothing : the recalibrated rig. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
@@ -60,7 +60,7 @@ class StepwiseSelection:
     rejected : names that explain nothing at a longer horizon, and are proposed no more.
     """
 
-    bench: Segments
+    segments: Segments
     rules: DiagnoseSettings = SETTINGS
     tell: Tell = lambda text, share: None
     finer: Callable[[FittedModel], float] | None = None
@@ -77,18 +77,18 @@ class StepwiseSelection:
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
-        rig = self.bench.nominal
-        sizes, _ = self.bench.tuned(rig)
+        rig = self.segments.nominal
+        sizes, _ = self.segments.tuned(rig)
         self.look_at(sizes)
         far = self.begin.rig if self.begin else rig
-        at = self.bench.tuned(far)[0] if self.begin else sizes
-        self.motion: Motion = motion_of(self.bench, far, self.bench.gains(far, at))
-        found = FitProblem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
+        at = self.segments.tuned(far)[0] if self.begin else sizes
+        self.motion: Motion = motion_of(self.segments, far, self.segments.gains(far, at))
+        found = FitProblem(self.segments, rig, (), self.motion).homotopy_fit(sizes, None, (1.0,), 6)
         if found is None:
             raise UserError("recording", "", "the nominal rig does not follow it: its simulation does not stay finite")
         self.nothing = self.now = self.names = found
         keys = (self.begin.key,) if self.begin else ()
-        begun = keys and FitProblem(self.bench, far, keys, self.motion).ladder(at, None, (1.0, 0.1, 1.0))
+        begun = keys and FitProblem(self.segments, far, keys, self.motion).homotopy_fit(at, None, (1.0, 0.1, 1.0))
         if begun and not begun.at_end and begun.score < found.score - self.asked(begun, found):
             self.now = self.names = begun
         else:
@@ -96,17 +96,17 @@ class StepwiseSelection:
 
     def run(self) -> FittedModel:
         """The whole search; it ends early where the rate turns out to be too coarse."""
-        self.grow()
+        self.add_forward()
         if self.too_coarse:
             return self.now
         for _ in range(2):
-            if not self.exchange():
+            if not self.swap():
                 break
-            self.grow()
+            self.add_forward()
         self.simplify()
         if self.far(self.now):
             self.add_table()
-        self.let_go()
+        self.final_fit()
         return self.now
 
     def reject(self, key: Key, less: FittedModel) -> None:
@@ -117,19 +117,19 @@ class StepwiseSelection:
         self.finer = None
         self.run()
 
-    def glance(self) -> None:
+    def preview(self) -> None:
         """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
-        columns = attempt(CandidateSensitivities, self.quick, self.now, self.bench.of_first(self.now.sizes))
+        columns = attempt(CandidateSensitivities, self.quick, self.now, self.segments.of_first(self.now.sizes))
         self.likely = columns.ranked[0].keys[0] if columns and columns.ranked else None
 
     def look_at(self, sizes: Sizes) -> None:
         """Make quick fits on the stretch that says most of what is missing, at these sizes."""
-        self.bench = replace(self.bench, telling=self.bench.most_telling(sizes))
-        self.quick = self.bench.first(SHARE)
+        self.segments = replace(self.segments, telling=self.segments.most_telling(sizes))
+        self.quick = self.segments.first(SHARE)
 
     def unknown(self, model: FittedModel) -> float:
         """The largest unknown force of a model, a share of the motion."""
-        return self.bench.most_unknown(model.sizes)
+        return self.segments.most_unknown(model.sizes)
 
     def explains(self, model: FittedModel) -> bool:
         """Whether a model explains most of what was unknown before, or leaves hardly anything."""
@@ -154,8 +154,8 @@ class StepwiseSelection:
         stiff: float | None = None,
     ) -> FittedModel | None:
         """A rig with these names fitted on all, from the sizes of a model."""
-        given = self.bench, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth
-        found = attempt(lambda: FitProblem(*given).ladder(model.sizes, None, rungs, steps))
+        given = self.segments, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth
+        found = attempt(lambda: FitProblem(*given).homotopy_fit(model.sizes, None, rungs, steps))
         if found is not None:
             key = tuple(sorted(found.keys))
             self.tried[key] = min(self.tried.get(key, np.inf), found.score)
@@ -166,7 +166,7 @@ class StepwiseSelection:
 
         Or from the sizes that it then needs: a name may hide how far.
         """
-        bare = attempt(without_name, self.bench, model, key)
+        bare = attempt(without_name, self.segments, model, key)
         if bare is None:
             return None
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
@@ -185,20 +185,20 @@ class StepwiseSelection:
         """
         far, found, without = self.far(model), [], (*without, *self.rejected)
         seen: dict[tuple[Key, ...], list[list[Values]]] = {}
-        levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(self.bench, 1.0, 5, 3)]
+        levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(self.segments, 1.0, 5, 3)]
         if far and not quick:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
-        for bench, share, singles, pairs in levels:
-            at = self.bench.of_first(model.sizes) if bench is self.quick else model.sizes
-            columns = attempt(CandidateSensitivities, bench, model, bench.scaled(at, share), without, alone=alone)
+        for segments, share, singles, pairs in levels:
+            at = self.segments.of_first(model.sizes) if segments is self.quick else model.sizes
+            columns = attempt(CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone)
             if columns is None:
                 continue
             ranked = columns.ranked
             if share == 1.0 and not quick:
                 for p in ranked:
                     self.gains.setdefault(p.keys[0], p.gain)
-                self.apart = columns.differing() if len(bench.recordings) > 1 else []
-            ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.min_gain * bench.count]
+                self.apart = columns.differing() if len(segments.recordings) > 1 else []
+            ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.min_gain * segments.count]
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
             for p in ranked[:singles]:  # the simpler law that it may become
                 ((h, _),) = p.parts
@@ -215,7 +215,7 @@ class StepwiseSelection:
                     found.append((rig, (*model.keys, *(h.key for h, _ in p.parts))))
         return found
 
-    def in_its_place(self, less: FittedModel, key: Key, best: int = 3) -> list[FittedModel]:
+    def alternatives_to(self, less: FittedModel, key: Key, best: int = 3) -> list[FittedModel]:
         """The likeliest others in the place of a name of the model; less : the model without it, fitted anew.
 
         What stands for it explains what is left where it is taken out and all else stays; or what is left at last.
@@ -225,14 +225,14 @@ class StepwiseSelection:
         if any(title.startswith(mine) for there in self.now.rig.own for title in there):
             self.look_at(less.sizes)  # one recording alone may show it, and others have sizes of their own as well
             for m in (bare, less):
-                columns = CandidateSensitivities(self.bench, m, m.sizes, (key,), alone=m is bare)
-                found = named_apart(self.bench, m, columns.differing()[: best + 1])
+                columns = CandidateSensitivities(self.segments, m, m.sizes, (key,), alone=m is bare)
+                found = named_apart(self.segments, m, columns.differing()[: best + 1])
                 proposals += [(rig, keys) for *_, rig, keys in found]
         else:
             proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True, alone=m is bare)]
         values = self.now.rig.effects[key[0]][key[1]]
         for place in self.now.rig.places:  # the same law elsewhere
-            unread = place.startswith(SENSOR_PREFIX) and place not in self.bench.sensors
+            unread = place.startswith(SENSOR_PREFIX) and place not in self.segments.sensors
             takes = key[1] in self.now.rig.takes(place) and bare.rig.effect(place, key[1]) is None
             if place == key[0] or unread or not takes or (place, key[1]) in self.rejected:
                 continue
@@ -242,9 +242,9 @@ class StepwiseSelection:
             }  # fmt: skip
             if (rig := attempt(_put, bare.rig, (place, key[1]), dict(values), own)) is not None:
                 proposals.append((rig, (*bare.keys, (place, key[1]))))
-        return self.sifted(less, proposals, best, key)
+        return self.screened(less, proposals, best, key)
 
-    def sifted(
+    def screened(
         self,
         model: FittedModel,
         proposals: list[tuple[Rig, tuple[Key, ...]]],
@@ -258,7 +258,7 @@ class StepwiseSelection:
         if not proposals:
             return []
         quick, n = self.quick, np.log(self.quick.count)
-        sizes = self.bench.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
+        sizes = self.segments.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
         most = self.unknown(model)
         strict = quick.scaled(sizes, 0.1 if most > self.rules.unexplained_attention else 1.0)
         near = attempt(self._near, model, strict) or {}
@@ -274,7 +274,7 @@ class StepwiseSelection:
             if any(rig.effect(*key) is None for key in problem.keys):
                 return None  # it came to nothing
             sizes, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
-            beside = problem.beside(x)
+            beside = problem.prior_residuals(x)
             return likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, sizes
 
         rough = sorted(attempts(solved, proposals), key=lambda r: r[0])
@@ -295,7 +295,7 @@ class StepwiseSelection:
         def climbed(one: _Tuned) -> FittedModel | None:
             _, rig, keys, sizes = one
             rungs = (0.1, 0.1, 1.0) if quick.most_unknown(sizes) > 3e-3 else (1.0,)
-            return FitProblem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(sizes, None, rungs)
+            return FitProblem(quick, rig, keys, self.motion, model.stiff, model.smooth).homotopy_fit(sizes, None, rungs)
 
         some = [m for m in attempts(climbed, near_best + simple) if not m.at_end]
         some.sort(key=lambda m: m.score)
@@ -308,7 +308,7 @@ class StepwiseSelection:
     def _on_all(self, m: FittedModel, model: FittedModel, small: bool) -> list[FittedModel]:
         """A proposed model fitted on all, without what is too small a law beside the model; none where that is all."""
         other = len(m.sizes) != len(model.sizes)
-        start = replace(m, sizes=self.bench.back(m.sizes, model.sizes)) if other else m
+        start = replace(m, sizes=self.segments.back(m.sizes, model.sizes)) if other else m
         done = self.fitted(m.rig, start, m.keys, steps=4)
         while done is not None and not done.at_end:
             # what takes the unknown force away is never too small
@@ -327,15 +327,15 @@ class StepwiseSelection:
         problem = FitProblem(self.quick, model.rig, model.keys, self.motion, model.stiff, model.smooth)
         gains = self.quick.gains(model.rig, sizes)
         x = problem.start()
-        rows = problem.rows(x, gains)
+        rows = problem.residuals(x, gains)
         if rows is None:
             return {}
-        data = problem.bench_rows
-        return {f.title: problem.column(j, x, gains, rows)[:data] for j, f in enumerate(problem.free) if f.prior}
+        data = problem.innovation_rows
+        return {f.title: problem.sensitivity(j, x, gains, rows)[:data] for j, f in enumerate(problem.free) if f.prior}
 
-    def grow(self) -> None:
+    def add_forward(self) -> None:
         """Add the best name or pair while one earns its place."""
-        count, been = self.bench.count, set()
+        count, been = self.segments.count, set()
         while len(self.now.keys) < self.most and frozenset(self.now.keys) not in been:
             been.add(frozenset(self.now.keys))
             self.look_at(self.now.sizes)
@@ -344,7 +344,7 @@ class StepwiseSelection:
             proposed = self.proposals(self.now)
             if proposed:
                 self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
-            found = self.sifted(self.now, proposed)
+            found = self.screened(self.now, proposed)
             if attempt(differ, self, found):
                 been.clear()
                 continue
@@ -361,17 +361,17 @@ class StepwiseSelection:
             new = [k for k in best.keys if k not in self.now.keys]
             for key in new:
                 self.beaten[key] = [m for m in found if m is not best]
-            if self.bench.refine(best.rig, best.sizes, self.rules.min_gain * count):
-                self.quick = self.bench.first(SHARE)
+            if self.segments.refine(best.rig, best.sizes, self.rules.min_gain * count):
+                self.quick = self.segments.first(SHARE)
                 best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
             self.now = best
             if self.finer is not None and self.unknown(best) > self.rules.max_unexplained:
                 self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
                 if self.too_coarse:
                     return
-            self.trim()
+            self.eliminate_backward()
 
-    def trim(self, stiff: float | None = None) -> None:
+    def eliminate_backward(self, stiff: float | None = None) -> None:
         """Out with what costs less than it is worth."""
         attempt(alike, self)
         for key in self.now.keys:
@@ -384,28 +384,28 @@ class StepwiseSelection:
     def asked(self, model: FittedModel, less: FittedModel) -> float:
         """What a model has to earn beside one that does without a name of it."""
         clears = self.unknown(model) < self.rules.clearing_ratio * self.unknown(less)
-        return self.least if clears else self.rules.min_gain * self.bench.count
+        return self.least if clears else self.rules.min_gain * self.segments.count
 
     @property
     def least(self) -> float:
         """What anything has to earn."""
-        return max(self.rules.min_gain_if_clearing * self.bench.count, LEAST)
+        return max(self.rules.min_gain_if_clearing * self.segments.count, LEAST)
 
-    def exchange(self) -> bool:
+    def swap(self) -> bool:
         """Another name, or two, in the place of each of several; whether one was better."""
         for key in self.now.keys if len(self.now.keys) > 1 else ():
             self.tell(f"trying others in the place of {key[1]} at {key[0]}", 0.5)
             less = self.without(self.now, key)
             if less is None:
                 continue
-            found = attempt(self.in_its_place, less, key, 2) or []
+            found = attempt(self.alternatives_to, less, key, 2) or []
             self.beaten[key] = found
             if (
                 found
-                and found[0].score < self.now.score - self.rules.tie_ratio * self.rules.min_gain * self.bench.count
+                and found[0].score < self.now.score - self.rules.tie_ratio * self.rules.min_gain * self.segments.count
             ):
                 self.now = found[0]
-                self.trim()
+                self.eliminate_backward()
                 return True
         return False
 
@@ -439,9 +439,9 @@ class StepwiseSelection:
         names = self.names = self.now
         found: list[FittedModel] = []
         for start in [names, *([self.nothing] if names.keys else [])]:
-            columns = attempt(CandidateSensitivities, self.bench, start, start.sizes, tables=True)
+            columns = attempt(CandidateSensitivities, self.segments, start, start.sizes, tables=True)
             for p in columns.ranked[: 1 if start is names and names.keys else 2] if columns else ():
-                done = self.tabled(start, p) if p.gain > self.rules.min_gain_if_clearing * self.bench.count else None
+                done = self.tabled(start, p) if p.gain > self.rules.min_gain_if_clearing * self.segments.count else None
                 if done is not None and self.unknown(done) < self.rules.clearing_ratio * self.unknown(names):
                     found.append(done)
         best = min(found, key=lambda m: m.score, default=None)
@@ -464,13 +464,15 @@ class StepwiseSelection:
         if rig is None:
             return None
         given = self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth
-        first = attempt(lambda: FitProblem(*given).ladder(self.bench.of_first(start.sizes), None, (0.1, 1.0), 3))
+        first = attempt(
+            lambda: FitProblem(*given).homotopy_fit(self.segments.of_first(start.sizes), None, (0.1, 1.0), 3)
+        )
         if first is None:
             return None
-        back = replace(model, sizes=self.bench.back(first.sizes, start.sizes))
+        back = replace(model, sizes=self.segments.back(first.sizes, start.sizes))
         return self.fitted(first.rig, back, first.keys)
 
-    def let_go(self) -> None:
+    def final_fit(self) -> None:
         """The last fit, with priors as they are given where little is unknown; out with what stood for a parameter."""
         little = self.unknown(self.now) < self.rules.unexplained_attention
         stiff = 1.0 if little else STIFF
@@ -478,12 +480,12 @@ class StepwiseSelection:
         if done is not None:
             self.now = done
         if little:
-            self.trim(stiff)
+            self.eliminate_backward(stiff)
 
     def idle(self, model: FittedModel) -> tuple[Key, ...]:
         """Laws of a model that make little of what moves their place, and hardly more than what stays unknown."""
         least = min(self.rules.min_effect, self.unknown(model) / self.rules.clearing_ratio)
-        return tuple(key for key in model.keys if share_of(self.bench, model, key) < least)
+        return tuple(key for key in model.keys if share_of(self.segments, model, key) < least)
 
 
 def _put(rig: Rig, key: Key, values: Values, own: dict[tuple[int, str], float]) -> Rig:

@@ -13,26 +13,26 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 STEPS, BETTER = 4, 0.99
 
 
-def zeroed(bench: Segments, rig: Rig) -> Rig:
-    """The rig with the zeros that are likeliest on a bench, all else as it is.
+def zeroed(segments: Segments, rig: Rig) -> Rig:
+    """The rig with the zeros that are likeliest on some segments, all else as it is.
 
     They are looked for from what each sensor reads first, and from where they are.
     """
-    free = zeros_free(rig, bench.spreads)
+    free = zeros_free(rig, segments.spreads)
     if not free:
         return rig
-    gains = bench.gains(rig, tuple(p.first_sizes() for p in bench.predictors))
+    gains = segments.gains(rig, tuple(p.first_sizes() for p in segments.predictors))
 
     def rows(x: Floats, start: Floats, recording: int | None = None, others: Floats | None = None) -> Floats | None:
         try:
-            there = bench.rows(apply(rig, free, x), gains, recording, others)
+            there = segments.residuals(apply(rig, free, x), gains, recording, others)
         except (UserError, np.linalg.LinAlgError):
             return None
         return None if there is None else np.append(there, x - start)  # what shows nowhere stays where it starts
 
     first = {
         (SENSOR_PREFIX + c, p.readings.recording): first_read(y)
-        for p in reversed(bench.predictors) for c, y in zip(p.readings.channels, p.readings.y.T, strict=True)
+        for p in reversed(segments.predictors) for c, y in zip(p.readings.channels, p.readings.y.T, strict=True)
     }  # fmt: skip
     best = np.inf, np.zeros(len(free))
     for start in (np.array([(first[f.place, f.recording or 0] - f.centre) / f.scale for f in free]), best[1]):

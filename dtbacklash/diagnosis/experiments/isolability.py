@@ -158,10 +158,10 @@ def _columns(rig: Rig, recording: Recording, unknown: float) -> tuple[Isolabilit
     if not any(np.nanstd(v) > 0.0 for c, v in recording.channels.items() if c in rig.sensors):
         raise UserError("command", recording.name, "moves nothing; no sensor of the rig would show a change")
     plan = planned(rig, recording, unknown)
-    columns = CandidateSensitivities(plan.bench, plan.model, plan.sizes)
+    columns = CandidateSensitivities(plan.segments, plan.model, plan.sizes)
     hypotheses, errors, sines = columns.angles()
     keys = list(dict.fromkeys(h.key for h in hypotheses))
-    named = math.sqrt(max(SETTINGS.min_gain_if_clearing * plan.bench.count, LEAST))
+    named = math.sqrt(max(SETTINGS.min_gain_if_clearing * plan.segments.count, LEAST))
     effects, groups = [], []
     for key in keys:
         js = [j for j, h in enumerate(hypotheses) if h.key == key]
@@ -173,10 +173,10 @@ def _columns(rig: Rig, recording: Recording, unknown: float) -> tuple[Isolabilit
     seen = {e.key for e in effects}
     taken = [(place, e.name) for place in rig.places for e in rig.takes(place).values()
              if not e.is_table and rig.effect(place, e.name) is None]  # fmt: skip
-    recorded = plan.bench.sensors
+    recorded = plan.segments.sensors
     hidden = [k for k in taken if k not in seen and (k[0] in rig.elements or k[0] in recorded)]
     found = Isolability(tuple(effects), between.reshape(len(groups), len(groups)), (), tuple(hidden), (), plan.every,
-                        plan.bench.count)  # fmt: skip
+                        plan.segments.count)  # fmt: skip
     return found, columns.motion
 
 

@@ -1,4 +1,4 @@
-"""A planned experiment on a bench: its simulated readings, as a diagnosis would look at them."""
+"""A planned experiment: its simulated readings, as a diagnosis would look at them."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from dtbacklash.diagnosis.engine.parameters import with_priors
 from dtbacklash.diagnosis.engine.resampling import rate_of
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
 from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
-from dtbacklash.diagnosis.predictions import bench_of
+from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import records_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
@@ -17,20 +17,20 @@ from dtbacklash.recording.model import Recording
 
 @dataclass(frozen=True)
 class Planned:
-    """A bench of a planned experiment. sizes : of the unknown forces, as they are assumed, and of the noises."""
+    """The segments of a planned experiment. sizes : of the unknown forces, as they are assumed, and of the noises."""
 
-    bench: Segments
+    segments: Segments
     sizes: Sizes
     every: int
 
     @property
     def model(self) -> FittedModel:
         """The rig as it is planned with, its parameters known to their tolerances."""
-        return FittedModel(self.bench.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
+        return FittedModel(self.segments.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
 
 
 def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:
-    """The bench of a simulated recording of a rig.
+    """The segments of a simulated recording of a rig.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:
     nominal = with_priors(rig)
     records = records_of(recording, nominal, True, False)
     every = [rate_of(nominal, r.y, r.sample_time_s) for r in records]
-    bench = bench_of(nominal, records, every)
-    bench = replace(bench, nominal=zeroed(bench, nominal))
-    bodies = len(bench.linear.bodies)
-    sizes, _ = bench.tuned(bench.nominal)
+    segments = segments_of(nominal, records, every)
+    segments = replace(segments, nominal=zeroed(segments, nominal))
+    bodies = len(segments.linear.bodies)
+    sizes, _ = segments.tuned(segments.nominal)
     assumed = tuple(np.concatenate([np.full(bodies, np.log(unknown)), s[bodies:]]) for s in sizes)
-    return Planned(bench, assumed, every[0])
+    return Planned(segments, assumed, every[0])

@@ -20,7 +20,7 @@ from dtbacklash.diagnosis.engine.resampling import rate_of
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
 from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.diagnosis.planning import Observed
-from dtbacklash.diagnosis.predictions import bench_of
+from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
@@ -83,11 +83,11 @@ class Rivalry:
             dict(zip(names, np.abs(v).max(axis=0).tolist(), strict=True)),
         )  # fmt: skip
 
-    def bench(self, record: Record) -> tuple[Segments, Sizes]:
+    def segments(self, record: Record) -> tuple[Segments, Sizes]:
         """Predictors of a simulated recording, and the sizes that the diagnosis found."""
         every = rate_of(self.nominal, record.y, record.sample_time_s)
-        bench = bench_of(self.nominal, [record], [every])
-        (p,) = bench.predictors
+        segments = segments_of(self.nominal, [record], [every])
+        (p,) = segments.predictors
         low, high = p.ends()
         # on another motion no model is as exact as on the one that it was fitted to
         shares = [
@@ -95,28 +95,28 @@ class Rivalry:
             for b, f in zip(p.bodies, p.force, strict=True)
         ]
         forces = np.log(shares)
-        return bench, (np.clip(np.concatenate([forces, p.nominal_noise]), low, high),)
+        return segments, (np.clip(np.concatenate([forces, p.nominal_noise]), low, high),)
 
     def apart(self, record: Record, exactly: bool = False) -> list[float]:
         """The expected fall of -2 log likelihood against each rival; of one that runs away it is large.
 
         exactly : whether rivals are fitted to the recording as well, and the smaller of both counts.
         """
-        bench, sizes = self.bench(record)
-        gains = bench.gains(self.found, sizes)
-        own = bench.rows(self.found, gains)
+        segments, sizes = self.segments(record)
+        gains = segments.gains(self.found, sizes)
+        own = segments.residuals(self.found, gains)
         if own is None:
             return [0.0] * len(self.rivals)
-        return spread(lambda rival: self._apart(bench, sizes, gains, own, rival, exactly), self.rivals)
+        return spread(lambda rival: self._apart(segments, sizes, gains, own, rival, exactly), self.rivals)
 
     def _apart(
-        self, bench: Segments, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool
+        self, segments: Segments, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool
     ) -> float:
         rig = rival.rig
         try:
-            problem = FitProblem(bench, rig, rival.keys, motion_of(bench, rig, gains), 1.0)
+            problem = FitProblem(segments, rig, rival.keys, motion_of(segments, rig, gains), 1.0)
             x = problem.start()
-            rows = problem.rows(x, gains)
+            rows = problem.residuals(x, gains)
         except (UserError, np.linalg.LinAlgError):
             return 0.0
         if rows is None:
@@ -128,5 +128,5 @@ class Rivalry:
         left = moved - Q @ (Q.T @ moved)
         found = float(left @ left)
         if exactly:  # a fit that stops beside its optimum would promise too much
-            found = min(found, max(float(problem.solve(sizes, x, STEPS)[1] - own @ own), 0.0))
+            found = min(found, max(float(problem.gauss_newton(sizes, x, STEPS)[1] - own @ own), 0.0))
         return found

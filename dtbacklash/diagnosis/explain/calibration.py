@@ -40,7 +40,7 @@ def calibration(c: Conclusion) -> Calibration:
     for title, f, x in zip(titles, free, values.x[kept], strict=True):
         value, error = f.value(x), values.errors.get((f.place, f.effect, f.label), math.nan)
         rows[title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
-    data = c.search.bench.innovations
+    data = c.search.segments.innovations
     return Calibration(
         rows,
         {a: dict(zip(titles, map(float, row), strict=True)) for a, row in zip(titles, correlation, strict=True)},

@@ -26,7 +26,7 @@ class ErrorTables:
     def __init__(self, c: Conclusion) -> None:
         self._c, self._seen = c, c.seen
         recalibrated = c.search.nothing.rig if c.model.keys else c.model.rig
-        rigs: list[Rig] = [c.search.bench.nominal, recalibrated, c.model.rig]
+        rigs: list[Rig] = [c.search.segments.nominal, recalibrated, c.model.rig]
         if c.modelled is not None:
             rigs.append(c.modelled.rig)
         self.fitted: list[Passes] = [c.seen.errors(rig) for rig in rigs]
@@ -91,7 +91,7 @@ class ErrorTables:
 
     def explained(self, enough: Enough) -> Explained:
         """What the extended rig explains of what judges. enough : channels that are not in it do not count."""
-        nominal, sensors = self._c.search.bench.nominal, self._c.search.bench.nominal.sensors
+        nominal, sensors = self._c.search.segments.nominal, self._c.search.segments.nominal.sensors
         squares = self._seen.mean_squares(self.compared[2], "held")
         left = {
             c: Left(rms, sensors[c].unit, rms / self.spread[c], rms / self.floor[c])
@@ -113,8 +113,8 @@ class ErrorTables:
         unknown = {
             body: {"before": before, "after": after.get(body, 0.0), "force": force, "unit": unit}
             for (body, before), force, unit in zip(
-                self._c.unknown(self._c.search.nothing).items(), self._c.search.bench.predictors[0].force.tolist(),
-                [_effort_unit(nominal, b) for b in self._c.search.bench.linear.bodies], strict=True,
+                self._c.unknown(self._c.search.nothing).items(), self._c.search.segments.predictors[0].force.tolist(),
+                [_effort_unit(nominal, b) for b in self._c.search.segments.linear.bodies], strict=True,
             )
         }  # fmt: skip
         return Explained(shares[0], shares[1], left, met, beats, modelled, unknown, self._causes(table, free))

@@ -38,7 +38,7 @@ def findings(c: Conclusion) -> tuple[Finding, ...]:
 
 def _finding(c: Conclusion, key: Key) -> Finding:
     place, name = key
-    nominal, rig = c.search.bench.nominal, c.model.rig
+    nominal, rig = c.search.segments.nominal, c.model.rig
     entry, values = find(nominal.kind_at(place), name, place), rig.effects[place][name]
     parameters: dict[str, ParameterEstimate] = {}
     each: dict[str, ParameterEstimate] = {}
@@ -54,7 +54,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
                 own = ParameterEstimate(f.value(x), unit_at(nominal, place, p.unit), there)
                 each[c.label(f.name, f.recording)] = own
                 largest[p.name] = max(largest.get(p.name, own), own, key=lambda one: abs(one.value))
-        last = held(rig, ".".join((*key, p.name)), c.search.bench.recordings)[-1]
+        last = held(rig, ".".join((*key, p.name)), c.search.segments.recordings)[-1]
         label = p.name if last is None else in_recording(p.name, last)
         value = values[p.name] if last is None else rig.own[last][".".join((*key, p.name))]
         error = c.values.errors.get((place, name, label), math.nan)
@@ -88,7 +88,7 @@ def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
     A table takes up any part of a law over its state: beside one the name's value is none.
     """
     place, name = key
-    most = c.search.rules.min_gain * c.search.bench.count
+    most = c.search.rules.min_gain * c.search.segments.count
     rivals = [r for other, those in c.judged.rivals.items() if other != key for r in those]
     models = [r.model for r in rivals if not r.beaten and r.lead < most and not r.model.smooth]
     return [there[parameter] for m in models if (there := m.rig.effect(place, name)) is not None]
@@ -174,7 +174,7 @@ def recalibrated(c: Conclusion) -> dict[str, Recalibrated]:
     known = {c.label(f.shared_title, f.recording): f for f in c.values.free}
     return {
         name: Recalibrated(
-            known[name].centre, value, unit_of(c.search.bench.nominal, known[name]), around(value, error)
+            known[name].centre, value, unit_of(c.search.segments.nominal, known[name]), around(value, error)
         )
         for name, (value, error) in c.moved.items()
     }
@@ -192,7 +192,9 @@ def located(c: Conclusion, verdict: Verdict) -> Located | None:
     unknown = c.unknown(c.model)
     body = max(unknown, key=lambda b: unknown[b])
     share = min(c.left / max(c.before, 1e-300), 1.0)
-    best = next((p for p in c.judged.rest if p.gain > c.search.rules.min_gain_if_clearing * c.search.bench.count), None)
+    best = next(
+        (p for p in c.judged.rest if p.gain > c.search.rules.min_gain_if_clearing * c.search.segments.count), None
+    )
     if c.modelled is not None:
         m = c.modelled
         rest = RemainingLaw(m.state, m.state_unit, m.unit, 1.0, m.points)
@@ -227,12 +229,12 @@ def candidates(c: Conclusion) -> tuple[Candidate, ...]:
 
 def limits(c: Conclusion) -> tuple[Limit, ...]:
     """For each effect that was not found, how large it could still be, from its column beside the last model."""
-    columns = CandidateSensitivities(c.search.bench, c.last, c.last.sizes, bounded=True)
+    columns = CandidateSensitivities(c.search.segments, c.last, c.last.sizes, bounded=True)
     found: dict[Key, Limit] = {}
     for h, bound in columns.bounds(NORMAL95):
         place, name = h.key
         size = h.effect.size
-        unit = unit_at(c.search.bench.nominal, place, size.unit)
+        unit = unit_at(c.search.segments.nominal, place, size.unit)
         at = {n: v for n, v in h.values.items() if n != size.name}
         if size.neutral == 0.0:
             widest = max(abs(size.low), abs(size.high))

@@ -65,7 +65,7 @@ def _where(c: Conclusion, where: Located) -> str:
     if c.model.keys:
         return ""
     recorded = set(c.seen.channels)
-    others = [name for name in c.search.bench.nominal.sensors if name not in recorded]
+    others = [name for name in c.search.segments.nominal.sensors if name not in recorded]
     more = (
         f"record {' and '.join(others)} as well" if others else "record another motion, slow and fast, small and large"
     )

@@ -13,24 +13,24 @@ from dtbacklash.physics.rig_file import rig_content
 
 def observed(c: Conclusion) -> Observed:
     """Of the recordings together: their largest motion, the noise and the unknown force of the found model."""
-    bench, motion = c.search.bench, c.search.motion
-    last = max(bench.predictors, key=lambda p: p.count).readings
-    ends = np.cumsum([len(p.readings.u) for p in bench.predictors])[:-1]
+    segments, motion = c.search.segments, c.search.motion
+    last = max(segments.predictors, key=lambda p: p.count).readings
+    ends = np.cumsum([len(p.readings.u) for p in segments.predictors])[:-1]
 
     def most(values: Floats, from_the_first: bool) -> float:
         parts = np.split(values, ends)
         return max(float(np.abs(v - v[0] * from_the_first).max()) for v in parts)
 
-    unknown, n = c.unknown(c.last), len(bench.linear.bodies)
-    force = dict(zip(bench.linear.bodies, bench.predictors[0].force.tolist(), strict=True))
+    unknown, n = c.unknown(c.last), len(segments.linear.bodies)
+    force = dict(zip(segments.linear.bodies, segments.predictors[0].force.tolist(), strict=True))
     noise: dict[str, float] = {}
-    for p, sizes in zip(bench.predictors, c.last.sizes, strict=True):
+    for p, sizes in zip(segments.predictors, c.last.sizes, strict=True):
         # of means: what a reading of the recording itself has more
         of_one = np.exp(sizes[n:]) * np.sqrt(p.readings.every)
         noise |= dict(zip(p.readings.channels, of_one.tolist(), strict=True))
     return Observed(
         last.sample_time_s / last.every, float(len(last.u) * last.sample_time_s),
-        max(float(np.abs(p.readings.recorded).max()) for p in bench.predictors),
+        max(float(np.abs(p.readings.recorded).max()) for p in segments.predictors),
         {b: most(motion.position[b], True) for b in motion.position},
         {b: most(motion.speed[b], False) for b in motion.speed},
         noise, {b: share * force[b] for b, share in unknown.items()}, tuple(_open(c)), *_slow(c),
@@ -42,10 +42,10 @@ def _slow(c: Conclusion) -> tuple[dict[str, float], float]:
 
     Over a stretch the corrections of a speed add up to the impulse of what is unknown.
     """
-    bench, rig = c.search.bench, c.model.rig
-    means = motion_of(bench, rig, bench.gains(rig, c.model.sizes)).unknown_means(STRETCHES)
-    inertia = dict(zip(bench.linear.bodies, bench.linear.inertia.tolist(), strict=True))
-    length = sum(len(p.readings.u) * p.readings.sample_time_s for p in bench.predictors) / STRETCHES
+    segments, rig = c.search.segments, c.model.rig
+    means = motion_of(segments, rig, segments.gains(rig, c.model.sizes)).unknown_means(STRETCHES)
+    inertia = dict(zip(segments.linear.bodies, segments.linear.inertia.tolist(), strict=True))
+    length = sum(len(p.readings.u) * p.readings.sample_time_s for p in segments.predictors) / STRETCHES
     return {b: inertia[b] * float(np.sqrt(np.mean(a**2))) for b, a in means.items()}, length
 
 
@@ -53,7 +53,7 @@ def _open(c: Conclusion) -> list[OpenModel]:
     """The rivals of every name that are not beaten, the closest first; each model once. What else may have changed."""
     rivals = [(key, r) for key in c.model.keys for r in c.judged.rivals.get(key, ()) if not r.beaten]
     found: dict[tuple[tuple[str, str], ...], OpenModel] = {}
-    last = c.search.bench.recordings[-1]
+    last = c.search.segments.recordings[-1]
     for key, rival in sorted(rivals, key=lambda one: one[1].lead):
         others = tuple(sorted(rival.model.keys))
         if others != tuple(sorted(c.model.keys)):

@@ -23,7 +23,7 @@ STROKE = 0.98
 def shown(c: Conclusion, tables: ErrorTables, causes: dict[str, float]) -> PlotData:
     """Everything that is drawn. causes : what each explains."""
     laws = [law for key in c.model.keys if (law := _law(c, key)) is not None]
-    rest = next((p for p in c.judged.rest if p.gain > c.search.rules.min_gain * c.search.bench.count), None)
+    rest = next((p for p in c.judged.rest if p.gain > c.search.rules.min_gain * c.search.segments.count), None)
     if c.modelled is not None:
         laws.append(_as_modelled(c.modelled))
     elif rest is not None and not c.explains:
@@ -60,7 +60,7 @@ def _curves(c: Conclusion, tables: ErrorTables, nominal: Passes, extended: Passe
         judged = np.flatnonzero(held)
         curves.append(Curve(
             channel if number == 0 else f"{channel} ({c.named(number)})",
-            c.search.bench.nominal.sensors[channel].unit, t_s, y, first, last,
+            c.search.segments.nominal.sensors[channel].unit, t_s, y, first, last,
             float(t_s[judged[0]]) if judged.size else None, tables.floor[channel],
         ))  # fmt: skip
     return curves

@@ -41,8 +41,8 @@ def zeros_said(c: Conclusion) -> str:
             found.append(f"{f.place.removeprefix(SENSOR_PREFIX)} {quantity(f.value(x), unit_of(c.model.rig, f))}")
             error = c.values.errors.get((f.place, f.effect, f.label), math.inf)
             assert f.recording is not None
-            unseen += error > c.search.bench.spreads[f.place.removeprefix(SENSOR_PREFIX), f.recording]
-    if not found or len({p.readings.recording for p in c.search.bench.predictors}) > 1:
+            unseen += error > c.search.segments.spreads[f.place.removeprefix(SENSOR_PREFIX), f.recording]
+    if not found or len({p.readings.recording for p in c.search.segments.predictors}) > 1:
         return ""
     rest = " Nothing in the rig holds a position: that is what each read first." if unseen == len(found) else ""
     return f"Zero of {', '.join(found)}.{rest}"
@@ -83,8 +83,8 @@ def certainty_said(mark: Confidence, grounds: Evidence, key: Key, others: Sequen
 
 def when(c: Conclusion, key: Key) -> str:
     """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch."""
-    number = max(range(len(c.search.bench.predictors)), key=lambda k: c.search.bench.predictors[k].count)
-    p = c.search.bench.predictors[number]
+    number = max(range(len(c.search.segments.predictors)), key=lambda k: c.search.segments.predictors[k].count)
+    p = c.search.segments.predictors[number]
     gains = p.gains(c.model.rig, c.model.sizes[number])
     with_it = p.run(c.model.rig, gains)
     with np.errstate(over="ignore"):

@@ -17,14 +17,14 @@ FACTORS = {1e-3: "a thousandth of", 0.01: "a hundredth of", 0.1: "a tenth of", 0
 def suspects(c: Conclusion) -> list[ScaleError]:
     """Parameters that are off by a factor, the likeliest first: instead of a gain, or of the names."""
     search = c.search
-    begun = search.begin.rig if search.begin else search.bench.nominal
-    sizes = search.bench.of_first(c.model.sizes)
+    begun = search.begin.rig if search.begin else search.segments.nominal
+    sizes = search.segments.of_first(c.model.sizes)
     return list(c.judged.numbers) or numbers_suspected(search.quick, sizes, c.model, search.motion, search.rules, begun)
 
 
 def suspects_said(c: Conclusion, found: Sequence[ScaleError]) -> str:
     """One sentence on what to look at in the rig; empty where nothing is suspected."""
-    parameters = c.search.bench.nominal.config.parameters
+    parameters = c.search.segments.nominal.config.parameters
     said = [
         f"`{one.key[1]}` fits {FACTORS.get(float(f'{one.factor:.2g}'), f'{one.factor:.3g} times')} its value "
         f"({quantity(one.factor * p.value, p.unit)} instead of {quantity(p.value, p.unit)})"

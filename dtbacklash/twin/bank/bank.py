@@ -162,9 +162,9 @@ class _Bank:
             channels = tuple(c for c in self.rig.sensors if c in buffer.y)
             r = readings(buffer.u, buffer.y, channels, buffer.sample_time_s, 1, False, None, k)
             found.append(Predictor(self.rig, Simulated(replace(r, opened=gap - gaps_rad[-1]))))
-        self.bench = Segments(self.rig, tuple(found))
-        sizes, _ = self.bench.tuned(self.rig)
-        self.motion: Motion = motion_of(self.bench, self.rig, self.bench.gains(self.rig, sizes))
+        self.segments = Segments(self.rig, tuple(found))
+        sizes, _ = self.segments.tuned(self.rig)
+        self.motion: Motion = motion_of(self.segments, self.rig, self.segments.gains(self.rig, sizes))
         base = self._fitted(_Candidate("nothing", self.rig), sizes)
         if base is None:
             raise UserError("model", belief.rig.config.name, "one that follows the buffer: its simulation does not")
@@ -191,7 +191,7 @@ class _Bank:
         """Whether no more unknown force than that, a share of the motion, is needed beside it."""
         clipped = tuple(
             np.concatenate([np.minimum(s[: len(p.bodies)], math.log(most)), s[len(p.bodies) :]])
-            for s, p in zip(tried.model.sizes, self.bench.predictors, strict=True)
+            for s, p in zip(tried.model.sizes, self.segments.predictors, strict=True)
         )
         rig = tried.model.rig
         return self._likelihood(rig, clipped) - self._likelihood(rig, tried.model.sizes) < LEAST
@@ -199,17 +199,17 @@ class _Bank:
     def _table_beside(self, tried: _Tried) -> float:
         """What the best law free of form would earn beside a change."""
         ranked = CandidateSensitivities(
-            self.bench, replace(tried.model, keys=()), tried.model.sizes, tables=True
+            self.segments, replace(tried.model, keys=()), tried.model.sizes, tables=True
         ).ranked
         return ranked[0].gain if ranked else 0.0
 
     def _tried(self) -> list[_Tried]:
         """The likeliest changes, fitted, best first."""
-        strict = self.bench.scaled(self.base.model.sizes, STRICT[0])
+        strict = self.segments.scaled(self.base.model.sizes, STRICT[0])
         rough = []
         for candidate in [*_parameters(self.rig), *self._laws()]:
             problem = self._problem(candidate)
-            x, squares = problem.solve(strict, problem.better_start(strict), 3)
+            x, squares = problem.gauss_newton(strict, problem.better_start(strict), 3)
             if np.isfinite(squares):
                 rough.append((squares, replace(candidate, rig=problem.rig(x))))
         rough.sort(key=lambda r: r[0])
@@ -224,7 +224,9 @@ class _Bank:
     def _laws(self) -> Iterator[_Candidate]:
         """The best laws by their columns, where little is forgiven."""
         model = self.base.model
-        for p in CandidateSensitivities(self.bench, model, self.bench.scaled(model.sizes, STRICT[-1])).ranked[:LAWS]:
+        for p in CandidateSensitivities(self.segments, model, self.segments.scaled(model.sizes, STRICT[-1])).ranked[
+            :LAWS
+        ]:
             place, name = p.keys[0]
             try:
                 yield _Candidate(f"{name} {place}", p.put(model.rig), (), p.keys[0])
@@ -235,23 +237,23 @@ class _Bank:
         """Free are the gap and what the candidate changes."""
         nominal = _freed(self.rig, candidate)
         keys = () if candidate.key is None else (candidate.key,)
-        return FitProblem(Segments(nominal, self.bench.predictors), candidate.rig, keys, self.motion, 1.0)
+        return FitProblem(Segments(nominal, self.segments.predictors), candidate.rig, keys, self.motion, 1.0)
 
     def _fitted(self, candidate: _Candidate, sizes: Sizes) -> _Tried | None:
         """Values at smaller and smaller sizes, then the likeliest sizes, and values at these."""
         problem = self._problem(candidate)
         x, squares = problem.start(), math.inf
         for share in (1.0, *STRICT):
-            x, squares = problem.solve(self.bench.scaled(sizes, share), x, 4)
+            x, squares = problem.gauss_newton(self.segments.scaled(sizes, share), x, 4)
         if not np.isfinite(squares):
             return None
-        own, _ = self.bench.tuned(problem.rig(x))
-        x, _ = problem.solve(own, x, 4)
+        own, _ = self.segments.tuned(problem.rig(x))
+        x, _ = problem.gauss_newton(own, x, 4)
         model = problem.model(x, own, self._likelihood(problem.rig(x), own))
-        return _Tried(candidate, problem, model, model.score + math.log(self.bench.count) * len(candidate.moved))
+        return _Tried(candidate, problem, model, model.score + math.log(self.segments.count) * len(candidate.moved))
 
     def _likelihood(self, rig: Rig, sizes: Sizes) -> float:
-        return sum(p.likelihood(rig, p.gains(rig, s)) for p, s in zip(self.bench.predictors, sizes, strict=True))
+        return sum(p.likelihood(rig, p.gains(rig, s)) for p, s in zip(self.segments.predictors, sizes, strict=True))
 
     def _as(self, verdict: str, about: tuple[_Tried, ...]) -> Diagnosis:
         names = tuple(t.candidate.name for t in about)
@@ -267,8 +269,8 @@ class _Bank:
     def _values(self, tried: _Tried) -> Iterator[Value]:
         """What a change moved, with standard errors."""
         problem, model, change = tried.problem, tried.model, tried.candidate
-        gains = self.bench.gains(model.rig, model.sizes)
-        rows = problem.rows(model.x, gains)
+        gains = self.segments.gains(model.rig, model.sizes)
+        rows = problem.residuals(model.x, gains)
         assert rows is not None
         J = problem.jacobian(model.x, gains, rows)
         errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(J.T @ J)), 0.0))

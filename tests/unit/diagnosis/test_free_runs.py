@@ -8,7 +8,7 @@ from nominal import nominal_rig
 
 from dtbacklash.diagnosis.engine.resampling import OPENING
 from dtbacklash.diagnosis.engine.segments import Segments
-from dtbacklash.diagnosis.predictions import Predictions, bench_of
+from dtbacklash.diagnosis.predictions import Predictions, segments_of
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -38,9 +38,9 @@ def record_of(true: Rig, u: np.ndarray, seconds_before: float = 0.0) -> Record:
 
 def seen(rig: Rig, record: Record, every: int = 1, forces: float = 1.0) -> Predictions:
     """forces : unknown ones, of what a search begins with."""
-    bench: Segments = bench_of(rig, [record], [every])
+    segments: Segments = segments_of(rig, [record], [every])
     return Predictions(
-        bench, [record], [every], rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), forces)
+        segments, [record], [every], rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), forces)
     )
 
 

@@ -75,13 +75,13 @@ def test_an_effect_of_the_size_that_shows_is_five_standard_errors_in_an_exact_pa
     effect = next(e for e in isolability(drive, recording).effects if e.key == key)
 
     p = planned(drive, recording, 0.01)
-    gains = p.bench.gains(p.bench.nominal, p.sizes)
-    problem = FitProblem(p.bench, p.bench.nominal, (), motion_of(p.bench, p.bench.nominal, gains), 1.0)
+    gains = p.segments.gains(p.segments.nominal, p.sizes)
+    problem = FitProblem(p.segments, p.segments.nominal, (), motion_of(p.segments, p.segments.nominal, gains), 1.0)
     x = problem.start()
-    base = problem.rows(x, gains)
-    added = p.bench.nominal.with_effect(*key, {**effect.at, effect.parameter: effect.shows_from})
+    base = problem.residuals(x, gains)
+    added = p.segments.nominal.with_effect(*key, {**effect.at, effect.parameter: effect.shows_from})
     moved = np.zeros_like(base)
-    moved[: problem.bench_rows] = p.bench.rows(added, gains) - base[: problem.bench_rows]
+    moved[: problem.innovation_rows] = p.segments.residuals(added, gains) - base[: problem.innovation_rows]
     J = problem.jacobian(x, gains, base)
     left = moved - J @ np.linalg.lstsq(J, moved, rcond=1e-10)[0]
     assert np.linalg.norm(left) == pytest.approx(SHOWS, rel=0.05)

@@ -38,7 +38,7 @@ def predictor_of(rig: Rig, u: np.ndarray, y: dict, every: int = 1, step_s: float
     return Predictor(rig, Simulated(readings(u, y, tuple(y), step_s, every, False)))
 
 
-def bench_of(rig: Rig, u: np.ndarray, y: dict) -> Segments:
+def segments_of(rig: Rig, u: np.ndarray, y: dict) -> Segments:
     """A bench of one stretch."""
     return Segments(rig, (predictor_of(rig, u, y),))
 

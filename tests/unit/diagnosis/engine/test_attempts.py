@@ -20,7 +20,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE, simpler
 from dtbacklash.physics.effects.declare import Effect, Role
 
-from .conftest import bench_of, command, predictor_of, recorded
+from .conftest import command, predictor_of, recorded, segments_of
 
 COULOMB = "disk", "coulomb_friction"
 BECOME = sorted(key for key, effect in CATALOGUE.items() if effect.becomes)
@@ -106,7 +106,7 @@ FRICTIONS = ("coulomb_friction", "stribeck_friction", "viscous_friction", "quadr
 BREAKS = {
     "start_values": (Effect, lambda effect, *_: effect.name == "gravity"),
     "put": (Hypothesis, lambda hypothesis, *_: hypothesis.effect.name not in FRICTIONS),
-    "__init__": (FitProblem, lambda problem, bench, rig, *_: _name("stribeck_friction")(rig)),
+    "__init__": (FitProblem, lambda problem, segments, rig, *_: _name("stribeck_friction")(rig)),
     "run": (Predictor, lambda predictor, rig, *_: _name("viscous_friction")(rig)),
     "tuned": (Predictor, lambda predictor, rig, *_: _name("quadratic_drag")(rig)),
 }  # fmt: skip
@@ -127,7 +127,7 @@ def test_a_proposal_that_breaks_costs_itself_alone(monkeypatch, caplog):
         monkeypatch.setattr(owner, method, breaks)
 
     rig, u = nominal_rig("pendulum"), command(5.0, 0.4)
-    search = StepwiseSelection(bench_of(rig, u, recorded(rig.with_effect(*COULOMB, {"torque": 0.02}), u)))
+    search = StepwiseSelection(segments_of(rig, u, recorded(rig.with_effect(*COULOMB, {"torque": 0.02}), u)))
     for method, (owner, when) in BREAKS.items():
         broken(owner, method, when)
     model = search.run()

@@ -18,7 +18,7 @@ from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.effects.table import VALUES, weights
 from dtbacklash.physics.rig import Rig
 
-from .conftest import STEP_S, bench_of, command, recorded, with_sensors
+from .conftest import STEP_S, command, recorded, segments_of, with_sensors
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ def looked_at(name: str) -> tuple[Rig, Segments, FittedModel, Motion]:
     case = CASES[name]
     rig = nominal_rig(case.rig)
     u = command(8.0, case.rms)
-    bench = bench_of(rig, u, recorded(rig.with_effect(*case.key, case.values), u))
-    return rig, bench, *recalibrated(rig, bench)
+    segments = segments_of(rig, u, recorded(rig.with_effect(*case.key, case.values), u))
+    return rig, segments, *recalibrated(rig, segments)
 
 
-def recalibrated(rig: Rig, bench: Segments) -> tuple[FittedModel, Motion]:
-    sizes, _ = bench.tuned(rig)
-    motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    model = FitProblem(bench, rig, (), motion).ladder(sizes, None, (1.0,))
+def recalibrated(rig: Rig, segments: Segments) -> tuple[FittedModel, Motion]:
+    sizes, _ = segments.tuned(rig)
+    motion = motion_of(segments, rig, segments.gains(rig, sizes))
+    model = FitProblem(segments, rig, (), motion).homotopy_fit(sizes, None, (1.0,))
     assert model is not None
     return model, motion
 
@@ -65,8 +65,8 @@ each = pytest.mark.parametrize("name", list(CASES))
 
 @each
 def test_what_is_missing_is_ranked_first(name):
-    _, bench, model, _ = looked_at(name)
-    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
+    _, segments, model, _ = looked_at(name)
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
     assert columns.ranked[0].keys == (CASES[name].key,)
     assert columns.ranked[0].gain > 1000.0
     gains = [p.gain for p in columns.ranked]
@@ -77,12 +77,14 @@ def test_what_is_missing_is_ranked_first(name):
 
 @each
 def test_exact_fits_find_the_values(name):
-    rig, bench, model, motion = looked_at(name)
+    rig, segments, model, motion = looked_at(name)
     case = CASES[name]
     best = next(
-        p for p in CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1)).ranked if p.keys == (case.key,)
+        p
+        for p in CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1)).ranked
+        if p.keys == (case.key,)
     )
-    found = FitProblem(bench, best.put(rig), (case.key,), motion).ladder(model.sizes)
+    found = FitProblem(segments, best.put(rig), (case.key,), motion).homotopy_fit(model.sizes)
     values = found.rig.effect(*case.key)
     for parameter, value in case.values.items():
         near = {"abs": 0.02} if parameter == "phase" else {"rel": 0.01}
@@ -90,10 +92,10 @@ def test_exact_fits_find_the_values(name):
     assert not found.at_end
     assert found.keys == (case.key,)
     assert found.counts == len([f for f in found.free if not f.prior])
-    assert found.score == pytest.approx(found.loss + found.counts * np.log(bench.count))
+    assert found.score == pytest.approx(found.loss + found.counts * np.log(segments.count))
     assert found.score < model.score - 250.0
     # hardly anything is left unknown
-    assert bench.most_unknown(found.sizes) < 0.05 * bench.most_unknown(model.sizes)
+    assert segments.most_unknown(found.sizes) < 0.05 * segments.most_unknown(model.sizes)
     # nominal parameters, which were right, stay within a tenth of a tolerance or so
     assert np.abs([standing(f, found.rig) for f in found.free if f.prior]).max() < 0.3
 
@@ -101,39 +103,39 @@ def test_exact_fits_find_the_values(name):
 @each
 def test_a_gain_that_columns_promise_is_one_that_comes(name):
     """At the same sizes: the fall of the sum of squares of an exact fit, less what its parameters cost."""
-    rig, bench, model, motion = looked_at(name)
+    rig, segments, model, motion = looked_at(name)
     case = CASES[name]
-    (best,) = (p for p in CandidateSensitivities(bench, model, model.sizes).ranked if p.keys == (case.key,))
-    problem = FitProblem(bench, best.put(rig), (case.key,), motion)
-    nothing = FitProblem(bench, model.rig, (), motion)
-    rows = nothing.rows(nothing.start(), bench.gains(model.rig, model.sizes))
-    _, squares = problem.solve(model.sizes, problem.start(), 6)
-    fall = float(rows @ rows) - squares - np.log(bench.count) * best.parts[0][0].counts
+    (best,) = (p for p in CandidateSensitivities(segments, model, model.sizes).ranked if p.keys == (case.key,))
+    problem = FitProblem(segments, best.put(rig), (case.key,), motion)
+    nothing = FitProblem(segments, model.rig, (), motion)
+    rows = nothing.rows(nothing.start(), segments.gains(model.rig, model.sizes))
+    _, squares = problem.gauss_newton(model.sizes, problem.start(), 6)
+    fall = float(rows @ rows) - squares - np.log(segments.count) * best.parts[0][0].counts
     assert best.gain == pytest.approx(fall, rel=0.25)
 
 
 def test_a_jacobian_is_how_rows_change():
-    rig, bench, model, motion = looked_at("cubic")
+    rig, segments, model, motion = looked_at("cubic")
     key = CASES["cubic"].key
-    problem = FitProblem(bench, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
-    x, gains = problem.start(), bench.gains(rig, model.sizes)
-    rows = problem.rows(x, gains)
+    problem = FitProblem(segments, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
+    x, gains = problem.start(), segments.gains(rig, model.sizes)
+    rows = problem.residuals(x, gains)
     J = problem.jacobian(x, gains, rows)
     assert J.shape == (len(rows), len(problem.free))
-    assert problem.bench_rows + problem.priors == len(rows)
+    assert problem.innovation_rows + problem.priors == len(rows)
     for j, f in enumerate(problem.free):
         z = np.zeros(len(x))
         z[j] = 0.5 * f.step
-        both = (problem.rows(x + z, gains) - problem.rows(x - z, gains)) / f.step
+        both = (problem.residuals(x + z, gains) - problem.residuals(x - z, gains)) / f.step
         assert np.linalg.norm(J[:, j] - both) < 0.1 * np.linalg.norm(both)
     # known columns are used again
     kept = problem.jacobian(x, gains, rows, 3.0 * J)
     assert np.array_equal(kept[:, : problem.priors], 3.0 * J[:, : problem.priors])
     assert np.array_equal(kept[:, problem.priors :], J[:, problem.priors :])
-    near = problem.jacobian(x, gains, rows, None, {problem.free[0].title: np.ones(problem.bench_rows)})
-    assert np.array_equal(near[: problem.bench_rows, 0], np.ones(problem.bench_rows))
-    assert near[problem.bench_rows, 0] == problem.stiff
-    assert not near[: problem.bench_rows, 1].any()
+    near = problem.jacobian(x, gains, rows, None, {problem.free[0].title: np.ones(problem.innovation_rows)})
+    assert np.array_equal(near[: problem.innovation_rows, 0], np.ones(problem.innovation_rows))
+    assert near[problem.innovation_rows, 0] == problem.stiff
+    assert not near[: problem.innovation_rows, 1].any()
 
 
 def test_a_wrong_parameter_is_no_missing_law():
@@ -141,11 +143,11 @@ def test_a_wrong_parameter_is_no_missing_law():
     rig = nominal_rig("oscillator")
     stiffer = rig.with_parameters({"k": 1.05 * rig.config.parameters["k"].value})
     u = command(8.0, 1.0)
-    bench = bench_of(rig, u, recorded(stiffer, u))
-    model, _ = recalibrated(rig, bench)
+    segments = segments_of(rig, u, recorded(stiffer, u))
+    model, _ = recalibrated(rig, segments)
     assert model.rig.config.parameters["k"].value == pytest.approx(1.05 * 1900.0, rel=0.005)
-    best = CandidateSensitivities(bench, model, model.sizes).ranked[0]
-    assert best.gain < 0.02 * bench.count
+    best = CandidateSensitivities(segments, model, model.sizes).ranked[0]
+    assert best.gain < 0.02 * segments.count
 
 
 def test_pairs_promise_what_no_single_does():
@@ -153,13 +155,13 @@ def test_pairs_promise_what_no_single_does():
     keys = (("disk", "coulomb_friction"), ("disk", "viscous_friction"))
     true = rig.with_effect(*keys[0], {"torque": 0.02}).with_effect(*keys[1], {"coefficient": 0.01})
     u = command(8.0, 0.6)
-    bench = bench_of(rig, u, recorded(true, u))
-    model, motion = recalibrated(rig, bench)
-    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
+    segments = segments_of(rig, u, recorded(true, u))
+    model, motion = recalibrated(rig, segments)
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
     pairs = columns.pairs(columns.ranked[:5])
     assert pairs[0].keys == keys
     assert pairs[0].gain > columns.ranked[0].gain + 100.0
-    found = FitProblem(bench, pairs[0].put(rig), keys, motion).ladder(model.sizes)
+    found = FitProblem(segments, pairs[0].put(rig), keys, motion).homotopy_fit(model.sizes)
     assert found.rig.effect(*keys[0])["torque"] == pytest.approx(0.02, rel=0.01)
     assert found.rig.effect(*keys[1])["coefficient"] == pytest.approx(0.01, rel=0.01)
 
@@ -182,8 +184,8 @@ class Kept(CandidateSensitivities):
 
 def test_what_columns_promise_is_by_least_squares():
     """Singles, and others beside a hypothesis that falls with its size or counts as it is, all columns written out."""
-    _, bench, model, _ = looked_at("coulomb")
-    columns = Kept(bench, model, bench.scaled(model.sizes, 0.1))
+    _, segments, model, _ = looked_at("coulomb")
+    columns = Kept(segments, model, segments.scaled(model.sizes, 0.1))
     slices, log_n = dict(columns.hypotheses), columns.log_n
     nothing = columns.left(columns.base)
 
@@ -228,21 +230,23 @@ def dragged() -> tuple[Rig, Segments, FittedModel, Motion]:
             half = speed + 0.5 * h * (0.3 * u[k] - DRAG * np.sign(speed) * np.sqrt(abs(speed))) / 0.02
             at, speed = at + h * half, speed + h * (0.3 * u[k] - DRAG * np.sign(half) * np.sqrt(abs(half))) / 0.02
     y += 1e-3 * y.std(axis=0) * np.random.default_rng(2).normal(size=y.shape)
-    bench = bench_of(rig, u, {"theta": y[:, 0], "omega": y[:, 1]})
-    return rig, bench, *recalibrated(rig, bench)
+    segments = segments_of(rig, u, {"theta": y[:, 0], "omega": y[:, 1]})
+    return rig, segments, *recalibrated(rig, segments)
 
 
 def test_a_table_gains_more_than_any_name_where_no_name_is_right():
-    _rig, bench, model, motion = dragged()
+    _rig, segments, model, motion = dragged()
     key = ("disk", "speed_table")
     for share, more in ((1.0, 1.01), (0.1, 1.03)):
-        sizes = bench.scaled(model.sizes, share)
-        names, tables = (CandidateSensitivities(bench, model, sizes, tables=tables).ranked for tables in (False, True))
+        sizes = segments.scaled(model.sizes, share)
+        names, tables = (
+            CandidateSensitivities(segments, model, sizes, tables=tables).ranked for tables in (False, True)
+        )
         assert tables[0].keys == (key,)
         assert tables[0].gain > more * names[0].gain
     smooth = {key: tables[0].smooth}
-    found = FitProblem(bench, tables[0].put(model.rig), (key,), motion, smooth=smooth).ladder(model.sizes)
-    named = FitProblem(bench, names[0].put(model.rig), names[0].keys, motion).ladder(model.sizes)
+    found = FitProblem(segments, tables[0].put(model.rig), (key,), motion, smooth=smooth).homotopy_fit(model.sizes)
+    named = FitProblem(segments, names[0].put(model.rig), names[0].keys, motion).homotopy_fit(model.sizes)
     assert found.score < named.score - 1000.0
     assert named.score < model.score - 1000.0
     # it is held back in how it bends: it has less freedom than values
@@ -256,16 +260,16 @@ def test_a_table_gains_more_than_any_name_where_no_name_is_right():
 
 def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
     """The column of each value of a table, which the linear plant answers, against a difference of two passes."""
-    _rig, bench, model, _ = dragged()
-    columns = CandidateSensitivities(bench, model, model.sizes, tables=True)
-    gains = bench.gains(model.rig, model.sizes)
+    _rig, segments, model, _ = dragged()
+    columns = CandidateSensitivities(segments, model, model.sizes, tables=True)
+    gains = segments.gains(model.rig, model.sizes)
     h, _ = next(pair for pair in columns.hypotheses if pair[0].effect.name == "speed_table")
-    made = columns._made(h, gains, bench.rows(model.rig, gains))
-    before = bench.rows(model.rig, gains)
+    made = columns._made(h, gains, segments.residuals(model.rig, gains))
+    before = segments.residuals(model.rig, gains)
     # around rest a knot acts for less than a sample, and less exactly
     for j, near in ((2, 0.05), (7, 0.35), (12, 0.05)):
         size = 1e-4 * np.eye(len(VALUES))[j]
-        after = bench.rows(h.put(model.rig, size), gains)
+        after = segments.residuals(h.put(model.rig, size), gains)
         difference = (after - before) / 1e-4
         assert np.linalg.norm(made[j] - difference) < near * np.linalg.norm(difference)
 
@@ -273,32 +277,32 @@ def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
 def test_a_model_that_comes_to_nothing_is_at_its_end():
     """A law that is not there."""
     rig, u = nominal_rig("pendulum"), command(8.0, 0.4)
-    bench = bench_of(rig, u, recorded(rig, u))
-    model, motion = recalibrated(rig, bench)
+    segments = segments_of(rig, u, recorded(rig, u))
+    model, motion = recalibrated(rig, segments)
     key = ("disk", "viscous_friction")
-    found = FitProblem(bench, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).ladder(model.sizes)
+    found = FitProblem(segments, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).homotopy_fit(model.sizes)
     assert found.at_end or found.rig.effect(*key)["coefficient"] < 1e-4
     assert found.score > model.score
 
 
 def test_a_rig_that_cannot_be_has_no_rows():
-    rig, bench, model, motion = looked_at("gravity")
+    rig, segments, model, motion = looked_at("gravity")
     key = CASES["gravity"].key
-    problem = FitProblem(bench, rig.with_effect(*key, {"torque": 0.05}), (key,), motion)
+    problem = FitProblem(segments, rig.with_effect(*key, {"torque": 0.05}), (key,), motion)
     x = problem.start()
     x[0] = np.nan
     with np.errstate(all="ignore"):
-        assert problem.rows(x, bench.gains(rig, model.sizes)) is None
+        assert problem.residuals(x, segments.gains(rig, model.sizes)) is None
     assert taken_out(problem.base, key).effect(*key) is None
 
 
 def test_a_parameter_that_has_left_its_tolerance_begins_where_it_was_given_too():
-    rig, bench, model, motion = looked_at("gravity")
+    rig, segments, model, motion = looked_at("gravity")
     key = CASES["gravity"].key
-    free = FitProblem(bench, rig, (), motion).free
+    free = FitProblem(segments, rig, (), motion).free
     away = apply(rig, free, np.array([3.0 * (j == 0) for j in range(len(free))]))
-    problem = FitProblem(bench, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
-    few = [problem.solve(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
+    problem = FitProblem(segments, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
+    few = [problem.gauss_newton(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
     assert problem.start()[0] == pytest.approx(3.0)
     assert problem.solved(model.sizes, 1)[1] == min(few)
     assert few[1] < few[0]
@@ -308,13 +312,13 @@ def test_a_rig_that_cannot_be_compiled_is_passed_over():
     """No force acts on a mass that a rigid screw carries; that is refused when the rig is compiled."""
     rig = nominal_rig("lead_screw")
     u = command(3.0, 1.0)
-    bench = bench_of(rig, u, recorded(rig, u))
-    sizes = (bench.predictors[0].first_sizes(),)
+    segments = segments_of(rig, u, recorded(rig, u))
+    sizes = (segments.predictors[0].first_sizes(),)
     proposed = rig.with_effect("mass_1", "ground_friction", {"force": 1.0})
-    problem = FitProblem(bench, proposed, (), motion_of(bench, rig, bench.gains(rig, sizes)))
+    problem = FitProblem(segments, proposed, (), motion_of(segments, rig, segments.gains(rig, sizes)))
     assert problem.better_start(sizes) == pytest.approx(problem.start())
-    assert problem.solve(sizes, problem.start(), 2)[1] == np.inf
-    assert problem.ladder(sizes) is None
+    assert problem.gauss_newton(sizes, problem.start(), 2)[1] == np.inf
+    assert problem.homotopy_fit(sizes) is None
 
 
 def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recording():
@@ -328,10 +332,10 @@ def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recor
         u = command(8.0, 0.6, 1 + k)
         y = recorded(rig, u, seed=k)
         found.append(Predictor(nominal, Simulated(readings(u, y, tuple(y), STEP_S, 1, False, None, k))))
-    bench = Segments(nominal, tuple(found))
-    assert bench.anywhere == (0, 1)
-    model, _ = recalibrated(nominal, bench)
-    columns = CandidateSensitivities(bench, model, bench.scaled(model.sizes, 0.1))
+    segments = Segments(nominal, tuple(found))
+    assert segments.anywhere == (0, 1)
+    model, _ = recalibrated(nominal, segments)
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
     pair = columns.pairs(columns.ranked[:3])[0]
     assert pair.keys == (cogging, weight)
     rig = pair.put(nominal)

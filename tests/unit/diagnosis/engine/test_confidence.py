@@ -12,7 +12,7 @@ from dtbacklash.diagnosis.engine.horizons import VIEWS
 from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 
-from .conftest import bench_of, command, recorded
+from .conftest import command, recorded, segments_of
 
 COULOMB, GAIN = ("disk", "coulomb_friction"), ("sensor_omega", "gain_error")
 
@@ -21,7 +21,7 @@ COULOMB, GAIN = ("disk", "coulomb_friction"), ("sensor_omega", "gain_error")
 def judged(key: Key, **values: float) -> tuple[StepwiseSelection, JudgedModel]:
     """The end of a search on a short recording of a pendulum with one effect."""
     rig, u = nominal_rig("pendulum"), command(6.0, 0.4)
-    search = StepwiseSelection(bench_of(rig, u, recorded(rig.with_effect(*key, values), u)))
+    search = StepwiseSelection(segments_of(rig, u, recorded(rig.with_effect(*key, values), u)))
     search.run()
     return search, ConfidenceTest(search).judged()
 

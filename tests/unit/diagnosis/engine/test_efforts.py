@@ -25,12 +25,12 @@ NEAR = 0.05
 def along(name: str, every: int) -> tuple[CandidateSensitivities, list[Hypothesis], list[Gains], np.ndarray]:
     """What makes columns, all hypotheses, gains and innovations of a nominal rig's own recording."""
     rig, u = nominal_rig(name), command(8.0 * min(every, 2), RMS[name])
-    bench = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
-    gains = bench.gains(rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), 0.1))
+    segments = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
+    gains = segments.gains(rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), 0.1))
     columns = object.__new__(CandidateSensitivities)
-    columns.bench, columns.rig, columns.motion = bench, rig, motion_of(bench, rig, gains)
-    columns.plants = [bench.linear]
-    return columns, list(hypotheses(bench, rig, columns.motion)), gains, bench.rows(rig, gains)
+    columns.segments, columns.rig, columns.motion = segments, rig, motion_of(segments, rig, gains)
+    columns.plants = [segments.linear]
+    return columns, list(hypotheses(segments, rig, columns.motion)), gains, segments.residuals(rig, gains)
 
 
 def apart(name: str, every: int, place: str, effect: str) -> float:

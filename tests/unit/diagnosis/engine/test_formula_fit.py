@@ -15,7 +15,7 @@ from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects.formula import SHORT
 from dtbacklash.physics.effects.table import KNOTS, table_values, weights
 
-from .conftest import bench_of, command, recorded
+from .conftest import command, recorded, segments_of
 
 KNOTS_AT = np.sort(np.concatenate([np.linspace(-2.0, 2.0, KNOTS // 2), np.linspace(-0.7, 0.8, KNOTS // 2)]))
 #: family -> a law of it over a state from -2 to 2
@@ -96,7 +96,7 @@ def root_drag():
     y = recorded(rig.with_effect("disk", "root_drag", {"drag": 0.05}), u)
     catalogue.withdraw(["root_drag"])  # a law that the catalogue does not have
     try:
-        search = StepwiseSelection(bench_of(rig, u, y))
+        search = StepwiseSelection(segments_of(rig, u, y))
         table = search.run()
         yield search, table, *modelled(search, table, ("disk", "speed_table"), (("disk", "viscous_friction"),))
     finally:
@@ -115,7 +115,7 @@ def test_a_square_root_is_found_as_a_table_and_named_as_a_power(root_drag):
     found = model.rig.effects["disk"][said.effect]
     assert found["n"] == pytest.approx(0.5, abs=0.005)
     # torques are known as well as the drive's constant: all of them may grow alike
-    alike = model.rig.config.parameters["K_t"].value / search.bench.nominal.config.parameters["K_t"].value
+    alike = model.rig.config.parameters["K_t"].value / search.segments.nominal.config.parameters["K_t"].value
     assert found["a"] == pytest.approx(-0.05 * alike, rel=0.01)
 
 
@@ -163,12 +163,12 @@ def trial(parameters: int, score: float, at_end: bool = False) -> Trial:
     ([(3, 0.0, True), (2, 1.0)], 1),  # a value that the data did not choose
 ])  # fmt: skip
 def test_the_simplest_formula_that_is_tied_takes_the_tables_place(scores, chosen):
-    search = SimpleNamespace(bench=SimpleNamespace(count=10_000), rules=SimpleNamespace(alike=0.1, worth=0.02))
+    search = SimpleNamespace(segments=SimpleNamespace(count=10_000), rules=SimpleNamespace(alike=0.1, worth=0.02))
     assert margin(search) == pytest.approx(20.0)
     trials = [trial(*one) for one in scores]
     assert _chosen(search, SimpleNamespace(score=0.0), trials) is (None if chosen is None else trials[chosen])
 
 
 def test_on_a_short_recording_two_parameters_are_a_tie():
-    search = SimpleNamespace(bench=SimpleNamespace(count=1000), rules=SimpleNamespace(alike=0.1, worth=0.02))
+    search = SimpleNamespace(segments=SimpleNamespace(count=1000), rules=SimpleNamespace(alike=0.1, worth=0.02))
     assert margin(search) == pytest.approx(2.0 * np.log(1000))

@@ -21,7 +21,7 @@ from dtbacklash.diagnosis.engine.horizons import (
 )
 from dtbacklash.diagnosis.engine.motion import motion_of
 
-from .conftest import bench_of, command, recorded
+from .conftest import command, recorded, segments_of
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.2])
@@ -30,12 +30,12 @@ def test_the_long_horizon_is_as_long_as_the_model_follows(torque):
     truth, u = nominal_rig("rotary_drive"), command(12.0, 1.0)
     hidden = truth.with_effect("load", "gravity", {"torque": torque, "phase": 0.3}) if torque else truth
     rig = hidden.with_effect("load", "gravity", {"torque": torque, "phase": 0.31}) if torque else truth
-    bench = bench_of(truth, u, recorded(hidden, u))
+    segments = segments_of(truth, u, recorded(hidden, u))
     keys = (("load", "gravity"),) if torque else ()
-    sizes, _ = bench.tuned(rig)
-    motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    model = FitProblem(bench, rig, keys, motion).ladder(sizes, None, (1.0,))
-    found = Horizons(bench, motion, model)
+    sizes, _ = segments.tuned(rig)
+    motion = motion_of(segments, rig, segments.gains(rig, sizes))
+    model = FitProblem(segments, rig, keys, motion).homotopy_fit(sizes, None, (1.0,))
+    found = Horizons(segments, motion, model)
     assert set(found.reference) == set(VIEWS)
     assert found.reference[LONG].sum() <= FOLLOWS * found.reference[SHORT].sum() * (1.0 + 1e-9)
     assert found.shares == LONGER[: len(found.shares)]

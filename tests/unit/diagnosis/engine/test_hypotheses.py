@@ -16,16 +16,16 @@ from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATES, weights
 from dtbacklash.physics.rig import Rig, build_rig
 
-from .conftest import STEP_S, bench_of, command, recorded
+from .conftest import STEP_S, command, recorded, segments_of
 
 #: rig -> size of the command, V
 RIGS = {"pendulum": 0.4, "oscillator": 1.0, "two_mass_stage": 1.0, "rotary_drive": 1.0, "lead_screw": 3.0}
 each = pytest.mark.parametrize("name", list(RIGS))
 
 
-def bench(name: str, channels: tuple[str, ...] = (), seconds: float = 6.0) -> tuple[Rig, Segments]:
+def segments(name: str, channels: tuple[str, ...] = (), seconds: float = 6.0) -> tuple[Rig, Segments]:
     rig, u = nominal_rig(name), command(seconds, RIGS[name])
-    return rig, bench_of(rig, u, {c: y for c, y in recorded(rig, u).items() if c in channels or not channels})
+    return rig, segments_of(rig, u, {c: y for c, y in recorded(rig, u).items() if c in channels or not channels})
 
 
 def moved(rig: Rig, seen: Segments) -> Motion:
@@ -38,7 +38,7 @@ def offered(rig: Rig, seen: Segments, **how) -> list:
 
 @each
 def test_every_effect_that_a_rig_takes_is_offered_where_the_recording_can_show_it(name):
-    rig, seen = bench(name)
+    rig, seen = segments(name)
     motion = moved(rig, seen)
     found = list(hypotheses(seen, rig, motion))
     keys = {h.key for h in found}
@@ -58,7 +58,7 @@ def test_every_effect_that_a_rig_takes_is_offered_where_the_recording_can_show_i
 
 @each
 def test_each_start_is_one_that_the_rig_can_have(name):
-    rig, seen = bench(name)
+    rig, seen = segments(name)
     found = offered(rig, seen)
     for h in found:
         for p in h.effect.parameters:
@@ -73,7 +73,7 @@ def test_each_start_is_one_that_the_rig_can_have(name):
 
 @each
 def test_tables_are_offered_only_when_they_are_asked_for(name):
-    rig, seen = bench(name)
+    rig, seen = segments(name)
     found = offered(rig, seen, tables=True)
     assert found
     assert all(h.effect.is_table for h in found)
@@ -91,14 +91,14 @@ def test_tables_are_offered_only_when_they_are_asked_for(name):
 
 
 def test_sensors_that_were_not_recorded_are_not_asked_about():
-    rig, seen = bench("rotary_drive", ("theta_m", "i_m"))
+    rig, seen = segments("rotary_drive", ("theta_m", "i_m"))
     places = {h.place for h in offered(rig, seen)}
     assert {"sensor_theta_m", "sensor_i_m"} <= places
     assert "sensor_theta_l" not in places
 
 
 def test_what_is_there_or_left_out_is_not_asked_about():
-    rig, seen = bench("pendulum")
+    rig, seen = segments("pendulum")
     keys = {h.key for h in offered(rig, seen)}
     gravity, friction = ("disk", "gravity"), ("disk", "coulomb_friction")
     assert {gravity, friction} <= keys
@@ -108,8 +108,8 @@ def test_what_is_there_or_left_out_is_not_asked_about():
 
 
 def test_laws_of_a_position_are_not_offered_where_only_speeds_are_read():
-    rig, both = bench("pendulum")
-    _, speeds = bench("pendulum", ("omega",))
+    rig, both = segments("pendulum")
+    _, speeds = segments("pendulum", ("omega",))
     assert unseen_positions(both) == set()
     assert unseen_positions(speeds) == {"disk"}
     lost = {h.key for h in offered(rig, both)} - {h.key for h in offered(rig, speeds)}
@@ -120,8 +120,8 @@ def test_laws_of_a_position_are_not_offered_where_only_speeds_are_read():
     assert "speed_table" in tables
     assert not {"position_table", "position_damping_table"} & tables
     # a spring to the ground shows where its mass is, one between two bodies does not
-    assert unseen_positions(bench("oscillator", ("v",))[1]) == set()
-    assert unseen_positions(bench("rotary_drive", ("i_m",))[1]) == {"motor_rotor", "load"}
+    assert unseen_positions(segments("oscillator", ("v",))[1]) == set()
+    assert unseen_positions(segments("rotary_drive", ("i_m",))[1]) == {"motor_rotor", "load"}
 
 
 def test_a_law_of_ones_own_is_offered_and_one_that_another_recording_showed_only_where_the_rig_has_it(as_before):
@@ -130,7 +130,7 @@ def test_a_law_of_ones_own_is_offered_and_one_that_another_recording_showed_only
         "law": "-drag*abs(v)*v",
         "parameters": {"drag": {"unit": "N m s^2/rad^2", "start": 0.01}},
     }
-    rig, seen = bench("pendulum")
+    rig, seen = segments("pendulum")
     catalogue.declare({"engine_drag": declared}, "rig.laws")
     assert ("disk", "engine_drag") in {h.key for h in offered(rig, seen)}
     catalogue.declare({"engine_found": declared}, "rig.laws", foreign=False)
@@ -142,22 +142,22 @@ def test_a_law_of_ones_own_is_offered_and_one_that_another_recording_showed_only
 
 def test_a_wave_finer_than_those_that_are_scanned_stands_out_in_what_has_to_be_corrected():
     rig, u = nominal_rig("pendulum"), command(6.0, RIGS["pendulum"])
-    still = moved(rig, bench_of(rig, u, recorded(rig, u)))
+    still = moved(rig, segments_of(rig, u, recorded(rig, u)))
     assert not len(still.ripples("disk", 48.0))
     true = rig.with_effect("disk", "cogging", {"torque": 0.2 * still("disk").force, "periods": 72.0, "phase": 1.0})
-    seen = bench_of(rig, u, recorded(true, u))
+    seen = segments_of(rig, u, recorded(true, u))
     assert 72.0 in moved(rig, seen).ripples("disk", 48.0)
     assert 72.0 in [h.values["periods"] for h in offered(rig, seen) if h.key == ("disk", "cogging")]
     assert not len(moved(rig, seen).ripples("disk", 400.0))
 
 
 def test_waves_are_scanned_over_whole_turns_and_over_the_way():
-    rig, seen = bench("pendulum")
+    rig, seen = segments("pendulum")
     (wave,) = {h.effect.of_role(Role.WAVE).name for h in offered(rig, seen) if h.key == ("disk", "cogging")}
     scanned = [h.values[wave] for h in offered(rig, seen) if h.key == ("disk", "cogging")]
     assert np.all(np.diff(scanned) > 0.0)
     assert scanned == [float(round(w)) for w in scanned]
-    rig, seen = bench("two_mass_stage")
+    rig, seen = segments("two_mass_stage")
     sliding = [h for h in offered(rig, seen) if h.key == ("carriage", "cogging")]
     way = moved(rig, seen)("carriage").way
     over = np.array([h.values[h.effect.of_role(Role.WAVE).name] for h in sliding]) * way / (2.0 * np.pi)
@@ -166,7 +166,7 @@ def test_waves_are_scanned_over_whole_turns_and_over_the_way():
 
 
 def test_a_dry_friction_is_offered_at_larger_starts_too():
-    rig, seen = bench("pendulum")
+    rig, seen = segments("pendulum")
     starts = [h for h in offered(rig, seen) if h.key == ("disk", "coulomb_friction")]
     sizes = sorted({h.values["torque"] for h in starts})
     assert sizes[-1] > 3.0 * sizes[0]
@@ -190,7 +190,7 @@ def test_knots_run_upwards_over_what_the_state_covers(rate):
 
 
 def test_efforts_of_a_table_are_its_weights_and_of_a_wave_its_sine_and_cosine():
-    rig, seen = bench("oscillator")
+    rig, seen = segments("oscillator")
     motion, found = moved(rig, seen), offered(rig, seen, tables=True)
     for name in ("position_damping_table", "stretch_table"):
         (h,) = (h for h in found if h.effect.name == name)
@@ -201,7 +201,7 @@ def test_efforts_of_a_table_are_its_weights_and_of_a_wave_its_sine_and_cosine():
         F, where = efforts(h, rig, motion)
         assert np.allclose(F[:, every], expected, atol=1e-12)
         assert where == Entry({"mass": -1.0 if name == "stretch_table" else 1.0})
-    rig, seen = bench("pendulum")
+    rig, seen = segments("pendulum")
     motion = moved(rig, seen)
     h = next(h for h in offered(rig, seen) if h.key == ("disk", "cogging"))
     turned = h.values[h.effect.of_role(Role.WAVE).name] * motion.position["disk"]
@@ -217,7 +217,7 @@ def test_places_move_as_they_were_simulated():
     """The predicted motion of a clean recording against the simulation itself."""
     from dtbacklash.physics.simulate import simulate
 
-    rig, seen = bench("rotary_drive")
+    rig, seen = segments("rotary_drive")
     motion = moved(rig, seen)
     names = list(seen.linear.states)
     X = simulate(rig, command(6.0, RIGS["rotary_drive"])[:-1], STEP_S).states

@@ -15,19 +15,19 @@ from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import build_rig
 
-from .conftest import bench_of, command, recorded
+from .conftest import command, recorded, segments_of
 
 DAMPED = ("mass", "viscous_friction")
 COEFFICIENT = 1.5
 
 
-def fitted(bench: Segments, rig, keys) -> tuple[Motion, FittedModel, Values]:
+def fitted(segments: Segments, rig, keys) -> tuple[Motion, FittedModel, Values]:
     """The motion of a rig on a bench, its fit there with priors as they are given, and its values."""
-    sizes, _ = bench.tuned(rig)
-    motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    found = FitProblem(bench, rig, keys, motion, 1.0).ladder(sizes, None, (1.0, 1.0), 6)
+    sizes, _ = segments.tuned(rig)
+    motion = motion_of(segments, rig, segments.gains(rig, sizes))
+    found = FitProblem(segments, rig, keys, motion, 1.0).homotopy_fit(sizes, None, (1.0, 1.0), 6)
     assert found is not None
-    return motion, *polished(bench, motion, found)
+    return motion, *polished(segments, motion, found)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def repeated() -> list[tuple[FittedModel, Values, dict]]:
     damped = nominal.with_effect(*DAMPED, {"coefficient": COEFFICIENT})
     for seed in range(16):
         truth = apply(damped, free, rng.standard_normal(len(free)))
-        bench = bench_of(nominal, u, recorded(truth, u, 1e-2, seed))
-        _, model, found = fitted(bench, damped, [DAMPED])
+        segments = segments_of(nominal, u, recorded(truth, u, 1e-2, seed))
+        _, model, found = fitted(segments, damped, [DAMPED])
         runs.append((model, found, truth))
     return runs
 
@@ -77,7 +77,7 @@ def test_masses_and_springs_that_grow_alike_are_known_by_the_priors_only():
     gain = replace(rig.config.parameters["gain"], tolerance=0.05)
     rig = build_rig(replace(rig.config, parameters={**rig.config.parameters, "gain": gain}))
     u = command(4.0, 1.0)
-    _, _, found = fitted(bench_of(rig, u, recorded(rig, u, 1e-4)), rig, [])
+    _, _, found = fitted(segments_of(rig, u, recorded(rig, u, 1e-4)), rig, [])
     known = rig.config.parameters
     relative = {n: found.errors["", "", n] / known[n].value for n in ("gain", "m", "k", "c")}
     expected = 1.0 / np.sqrt(sum(known[n].tolerance ** -2 for n in relative))
@@ -87,13 +87,13 @@ def test_masses_and_springs_that_grow_alike_are_known_by_the_priors_only():
 
 def test_a_polished_model_is_at_its_optimum():
     rig, u = nominal_rig("oscillator"), command(4.0, 1.0)
-    bench = bench_of(rig, u, recorded(rig.with_effect(*DAMPED, {"coefficient": COEFFICIENT}), u))
-    sizes, _ = bench.tuned(rig)
-    motion = motion_of(bench, rig, bench.gains(rig, sizes))
-    start = FitProblem(bench, rig.with_effect(*DAMPED, {"coefficient": 1.0}), [DAMPED], motion, 1.0).ladder(
+    segments = segments_of(rig, u, recorded(rig.with_effect(*DAMPED, {"coefficient": COEFFICIENT}), u))
+    sizes, _ = segments.tuned(rig)
+    motion = motion_of(segments, rig, segments.gains(rig, sizes))
+    start = FitProblem(segments, rig.with_effect(*DAMPED, {"coefficient": 1.0}), [DAMPED], motion, 1.0).homotopy_fit(
         sizes, None, (1.0, 1.0), 2
     )
-    model, found = polished(bench, motion, start)
+    model, found = polished(segments, motion, start)
     assert model.score < start.score
     step = inverse(found.jacobian) @ (found.jacobian.T @ found.rows)
     assert np.all(np.abs(step) < 0.1 * np.sqrt(np.diag(found.covariance)))
@@ -104,9 +104,11 @@ def test_what_a_model_lacks_widens_its_errors(k3, wider):
     """A spring that stiffens pulls the mass alike in every stretch; at a longer horizon it pulls more."""
     nominal, u = nominal_rig("oscillator"), command(4.0, 1.0)
     damped = nominal.with_effect(*DAMPED, {"coefficient": COEFFICIENT})
-    bench = bench_of(nominal, u, recorded(damped.with_effect("spring", "cubic_stiffness", {"k3": k3}), u, 1e-2, 0))
-    motion, model, found = fitted(bench, damped, [DAMPED])
-    ratio = found.errors["", "", "m"] / values(bench, motion, model).errors["", "", "m"]
+    segments = segments_of(
+        nominal, u, recorded(damped.with_effect("spring", "cubic_stiffness", {"k3": k3}), u, 1e-2, 0)
+    )
+    motion, model, found = fitted(segments, damped, [DAMPED])
+    ratio = found.errors["", "", "m"] / values(segments, motion, model).errors["", "", "m"]
     assert wider[0] <= ratio < wider[1]
 
 

@@ -25,7 +25,7 @@ from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.explain.found_model import found_model
 from dtbacklash.diagnosis.explain.observability_notes import beforehand
 from dtbacklash.diagnosis.parallel import on_cores, spread
-from dtbacklash.diagnosis.predictions import bench_of
+from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import STEPPED, records_of, ways_to_read
 from dtbacklash.errors import UserError
 from dtbacklash.physics import fmu_file
@@ -103,7 +103,7 @@ def passed(rig, columns: dict[str, np.ndarray], every: int = 1, way: str = "") -
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
     records = {"": records, **ways_to_read(records, rig)}[way]
-    predictor = bench_of(rig, records, [every]).predictors[0]
+    predictor = segments_of(rig, records, [every]).predictors[0]
     left = predictor.simulate(rig, predictor.gains(rig, predictor.first_sizes()))
     return dict(zip(predictor.readings.channels, np.nan_to_num(left.T), strict=True))
 
@@ -166,7 +166,7 @@ def has_the_linear_part_of_the_equations(either):
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
     records = records_of(Recording.from_frame(frame, rig=either), either, True, False)
-    L = bench_of(either, records, [1]).linear
+    L = segments_of(either, records, [1]).linear
     assert L.states == ("axle q", "rail q", "axle v", "rail v")
     for j, (inertia, damping) in enumerate(((0.3, 0.2), (3.0, 1.5))):
         keeps = math.exp(-damping / inertia * STEP_S)
@@ -308,27 +308,27 @@ def held(rig, level: float = 0.0) -> tuple:
     noise = 1e-4 * np.random.default_rng(3).standard_normal((2, N))
     columns = {"torque": spin, "push": push, "angle": angle + noise[0], "way": way + noise[1]}
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
-    bench = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1])
-    return bench, bench.tuned(rig)[0]
+    segments = segments_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1])
+    return segments, segments.tuned(rig)[0]
 
 
 def test_columns_by_the_linear_part_are_those_of_passes(either):
-    bench, sizes = held(either, 0.12)
-    motion = motion_of(bench, either, bench.gains(either, sizes))
-    model = FitProblem(bench, either, (), motion).model(np.zeros(2), sizes, 0.0)
-    columns, gains = CandidateSensitivities(bench, model, sizes), bench.gains(either, sizes)
-    problem = FitProblem(bench, either, (), columns.motion)
+    segments, sizes = held(either, 0.12)
+    motion = motion_of(segments, either, segments.gains(either, sizes))
+    model = FitProblem(segments, either, (), motion).model(np.zeros(2), sizes, 0.0)
+    columns, gains = CandidateSensitivities(segments, model, sizes), segments.gains(either, sizes)
+    problem = FitProblem(segments, either, (), columns.motion)
     x, kinds = problem.start(), set()
-    rows = problem.rows(x, gains)
+    rows = problem.residuals(x, gains)
     for title, near in problem.leads(x, gains).items():
         j = [f.title for f in problem.free].index(title)
-        exact = problem.column(j, x, gains, rows)[: problem.bench_rows]
+        exact = problem.sensitivity(j, x, gains, rows)[: problem.innovation_rows]
         assert np.linalg.norm(near - exact) < 0.02 * np.linalg.norm(exact)
     for h, _ in columns.hypotheses:
         small = isinstance(h.effect.slot, Passing) and not h.as_it_is
         if efforts(h, either, columns.motion) is None or (isinstance(h.effect.slot, Contact) and not small):
             continue  # a friction that is large holds, which no effort does
-        near, exact = (made(h, gains, rows[: problem.bench_rows]) for made in (columns._made, columns._simulated))
+        near, exact = (made(h, gains, rows[: problem.innovation_rows]) for made in (columns._made, columns._simulated))
         for one, other in zip(near, exact, strict=True):
             # what has a kink has it where the predicted motion has: a little elsewhere
             cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
@@ -341,10 +341,10 @@ def test_a_friction_is_the_same_at_each_step_of_the_model(rig, tmp_path):
     sizes = []
     for step in (2e-3, 1e-3, 5e-4):
         (tmp_path / "machine.xml").write_text(MODEL.format(step=step))
-        bench, at = held(rig, 0.12)
+        segments, at = held(rig, 0.12)
         start = rig.with_effect("axle", "coulomb_friction", {"torque": 0.2})
-        motion = motion_of(bench, rig, bench.gains(rig, at))
-        model = FitProblem(bench, start, [("axle", "coulomb_friction")], motion).ladder(at)
+        motion = motion_of(segments, rig, segments.gains(rig, at))
+        model = FitProblem(segments, start, [("axle", "coulomb_friction")], motion).homotopy_fit(at)
         sizes.append(model.rig.effects["axle"]["coulomb_friction"]["torque"])
     assert sizes == pytest.approx([0.12] * 3, rel=0.01)
 
@@ -450,7 +450,7 @@ def test_what_sensors_show_of_states_is_what_they_showed_in_the_pass(tmp_path):
     rig = load_rig({**EXCHANGED, "model": str(timed.build(tmp_path / "timed.fmu")), "sensors": sensors})
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
-    predictor = bench_of(
+    predictor = segments_of(
         rig, records_of(Recording.from_frame(frame.assign(watts=push), rig=rig), rig, True, False), [1]
     )
     predictor = predictor.predictors[0]
@@ -619,7 +619,7 @@ def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
     monkeypatch.setattr(fmu_file.Instance, "__init__", counted)
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
-    predictor = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
+    predictor = segments_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
     gains = predictor.gains(rig, predictor.first_sizes())
 
     def left(mass: float) -> np.ndarray:
@@ -644,7 +644,7 @@ def test_an_fmu_goes_to_another_process(exchanged):
     rig = load_rig({**EXCHANGED, "model": str(exchanged[3])})
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
-    predictor = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
+    predictor = segments_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
     gains = predictor.gains(rig, predictor.first_sizes())
     before = predictor.run(rig, gains).D
     away = pickle.dumps((predictor, rig, gains))

@@ -14,7 +14,7 @@ from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
-from .conftest import STEP_S, bench_of, command, predictor_of, recorded, with_sensors
+from .conftest import STEP_S, command, predictor_of, recorded, segments_of, with_sensors
 
 LINEAR = ("rotary_drive", "two_mass_stage", "oscillator", "lead_screw")
 each = pytest.mark.parametrize("name", LINEAR)
@@ -339,21 +339,21 @@ def test_averages_of_a_linear_rig_keep_their_laws_of_the_amplifier():
 def test_a_bench_stacks_stretches_and_sums_their_likelihoods():
     rig = nominal_rig("oscillator")
     pair = [command(s, 1.0, seed) for s, seed in ((5.0, 1), (12.0, 2))]
-    parts = [bench_of(rig, u, recorded(rig, u)).predictors[0] for u in pair]
-    bench = Segments(rig, tuple(parts))
-    sizes, value = bench.tuned(rig)
+    parts = [segments_of(rig, u, recorded(rig, u)).predictors[0] for u in pair]
+    segments = Segments(rig, tuple(parts))
+    sizes, value = segments.tuned(rig)
     assert value == pytest.approx(sum(p.tuned(rig)[1] for p in parts))
-    rows = bench.rows(rig, bench.gains(rig, sizes))
-    assert len(rows) == bench.count == sum(p.count for p in parts)
+    rows = segments.residuals(rig, segments.gains(rig, sizes))
+    assert len(rows) == segments.count == sum(p.count for p in parts)
     assert np.array_equal(rows[: parts[0].count], parts[0].run(rig, parts[0].gains(rig, sizes[0])).E.ravel())
     # the stretch with most that is unknown stands for all in quick fits
-    assert bench.most_telling(sizes) == 1
-    assert bench.most_telling((parts[0].scaled(sizes[0], 1e3), sizes[1])) == 0
-    bench = replace(bench, telling=1)
-    quick = bench.first(1.0 / 3.0)
+    assert segments.most_telling(sizes) == 1
+    assert segments.most_telling((parts[0].scaled(sizes[0], 1e3), sizes[1])) == 0
+    segments = replace(segments, telling=1)
+    quick = segments.first(1.0 / 3.0)
     assert quick.count == 2 * 2000
-    assert np.array_equal(bench.of_first(sizes)[0], sizes[1])
-    back = bench.back(quick.scaled(bench.of_first(sizes), 0.1), sizes)
+    assert np.array_equal(segments.of_first(sizes)[0], sizes[1])
+    back = segments.back(quick.scaled(segments.of_first(sizes), 0.1), sizes)
     for before, after in zip(sizes, back, strict=True):
         assert after[0] - before[0] == pytest.approx(np.log(0.1))
         assert np.array_equal(after[1:], before[1:])
@@ -363,11 +363,11 @@ def test_a_pass_that_goes_astray_is_none():
     rig, _u, p = predictor("oscillator")
     gains = p.gains(rig, p.first_sizes())
     wild = replace(gains, K=gains.K * -1e3)
-    bench = Segments(rig, (p,))
+    segments = Segments(rig, (p,))
     with np.errstate(all="ignore"):
-        assert bench.rows(rig, [wild]) is None
+        assert segments.residuals(rig, [wild]) is None
         assert p.likelihood(rig, wild) >= 1e14
-    assert bench.rows(rig, [gains]) is not None
+    assert segments.residuals(rig, [gains]) is not None
 
 
 def test_a_first_state_is_where_it_was_read():

@@ -10,7 +10,7 @@ from dtbacklash.diagnosis.engine.scale_errors import begin, numbers_suspected
 from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 from dtbacklash.diagnosis.settings import SETTINGS
 
-from .conftest import STEP_S, bench_of, command, recorded
+from .conftest import STEP_S, command, recorded, segments_of
 
 DRY = ("disk", "coulomb_friction", {"torque": 0.02})
 #: rig, what it has and the nominal one lacks, parameters that are off, channel -> what it is multiplied by
@@ -43,7 +43,7 @@ def measured(case):
 @pytest.mark.parametrize("case", [*MISCOUNTED, *OTHERWISE])
 def test_a_search_begins_with_a_gain_only_where_nothing_else_is_wrong(case):
     rig, u, y = measured({**MISCOUNTED, **OTHERWISE}[case])
-    search = StepwiseSelection(bench_of(rig, u, y))
+    search = StepwiseSelection(segments_of(rig, u, y))
     found = begin(search.quick, SETTINGS)
     if case in OTHERWISE:
         assert found is None
@@ -52,7 +52,7 @@ def test_a_search_begins_with_a_gain_only_where_nothing_else_is_wrong(case):
     ((channel, factor),) = MISCOUNTED[case][3].items()
     assert found.key == (f"sensor_{channel}", "gain_error")
     assert found.factor == pytest.approx(factor)
-    begun = StepwiseSelection(search.bench, begin=found).now
+    begun = StepwiseSelection(search.segments, begin=found).now
     assert begun.keys == (found.key,)
     assert begun.rig.effect(*found.key)["relative"] == pytest.approx(factor - 1.0, rel=0.02)
 
@@ -61,11 +61,11 @@ def test_a_search_begins_with_a_gain_only_where_nothing_else_is_wrong(case):
 def test_a_number_is_suspected_only_where_it_does_better_than_what_was_found(off, suspected):
     """Friction alone: no typo explains more. A wrong inertia beside it: no friction explains more."""
     rig, u, y = measured(("pendulum", DRY, off, {}))
-    search = StepwiseSelection(bench_of(rig, u, y))
+    search = StepwiseSelection(segments_of(rig, u, y))
     key = DRY[:2]
     model = search.fitted(search.nothing.rig.with_effect(*DRY), search.nothing, (key,), (0.1, 0.1, 1.0), 5)
-    sizes = search.bench.of_first(model.sizes)
-    found = numbers_suspected(search.quick, sizes, model, search.motion, SETTINGS, search.bench.nominal)
+    sizes = search.segments.of_first(model.sizes)
+    found = numbers_suspected(search.quick, sizes, model, search.motion, SETTINGS, search.segments.nominal)
     assert {one.key[1] for one in found} == suspected
     assert all(abs(np.log10(one.factor)) == pytest.approx(1.0) for one in found)
 

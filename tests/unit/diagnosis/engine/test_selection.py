@@ -13,7 +13,7 @@ from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.engine.selection import StepwiseSelection, described
 from dtbacklash.errors import UserError
 
-from .conftest import bench_of, command, predictor_of, recorded
+from .conftest import command, predictor_of, recorded, segments_of
 
 COULOMB, VISCOUS, GRAVITY = (("disk", name) for name in ("coulomb_friction", "viscous_friction", "gravity"))
 #: rig, size of its command, what it has and the nominal one lacks
@@ -37,7 +37,7 @@ def searched(case: str) -> tuple[StepwiseSelection, FittedModel]:
     for key, values in effects.items():
         true = true.with_effect(*key, values)
     u = command(8.0, rms)
-    found = StepwiseSelection(bench_of(rig, u, recorded(true, u)))
+    found = StepwiseSelection(segments_of(rig, u, recorded(true, u)))
     return found, found.run()
 
 
@@ -72,7 +72,7 @@ def test_a_name_that_is_not_needed_is_taken_out():
     search, model = searched("friction")
     rig = model.rig.with_effect(*VISCOUS, {"coefficient": 1e-5})
     search.now = search.fitted(rig, model, (*model.keys, VISCOUS))
-    search.trim()
+    search.eliminate_backward()
     assert search.now.keys == (COULOMB,)
     search.now = model
 
@@ -80,22 +80,22 @@ def test_a_name_that_is_not_needed_is_taken_out():
 def test_what_a_law_makes_of_the_motion_is_its_share():
     search, model = searched("friction")
     # friction takes what it holds of what a volt's torque makes: a good part
-    assert 0.05 < share_of(search.bench, model, COULOMB) < 2.0
+    assert 0.05 < share_of(search.segments, model, COULOMB) < 2.0
     assert not search.idle(model)
     faint = replace(model, rig=model.rig.with_effect(*COULOMB, {"torque": 1e-3}))
-    assert share_of(search.bench, faint, COULOMB) == pytest.approx(
-        share_of(search.bench, model, COULOMB) * 1e-3 / 0.02, rel=0.1
+    assert share_of(search.segments, faint, COULOMB) == pytest.approx(
+        share_of(search.segments, model, COULOMB) * 1e-3 / 0.02, rel=0.1
     )
     # beside what stays unknown: nothing, and a tenth of what moves it
     assert not search.idle(faint)
     most = 0.1 / search.unknown(faint)
-    much = replace(faint, sizes=search.bench.scaled(faint.sizes, most))
+    much = replace(faint, sizes=search.segments.scaled(faint.sizes, most))
     assert search.idle(much) == (COULOMB,)
-    rules, search.rules = search.rules, replace(search.rules, min_effect=0.5 * share_of(search.bench, much, COULOMB))
+    rules, search.rules = search.rules, replace(search.rules, min_effect=0.5 * share_of(search.segments, much, COULOMB))
     assert not search.idle(much)
     search.rules = rules
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))
-    assert share_of(search.bench, late, ("sensor_theta", "delay")) == np.inf
+    assert share_of(search.segments, late, ("sensor_theta", "delay")) == np.inf
 
 
 def test_a_wrong_name_is_exchanged_for_the_right_ones():
@@ -104,7 +104,7 @@ def test_a_wrong_name_is_exchanged_for_the_right_ones():
     wrong = search.nothing.rig.with_effect(*VISCOUS, {"coefficient": 0.01}).with_effect(*GRAVITY, {"torque": 0.002})
     search.now = search.fitted(wrong, search.nothing, (VISCOUS, GRAVITY), (0.1, 1.0))
     before = search.now.score
-    assert search.exchange()
+    assert search.swap()
     assert COULOMB in search.now.keys
     assert search.now.score < before - 1000.0
     search.now = model
@@ -123,7 +123,7 @@ def test_a_law_goes_with_what_lets_it_act():
     size = rig.takes("screw")["compliance"].size
     yields, drags = ("screw", "compliance"), ("mass_1", "viscous_friction")
     both = rig.with_effect(*yields, {size.name: size.typical}).with_effect(*drags, {"coefficient": 5.0})
-    search = StepwiseSelection(bench_of(rig, u, recorded(both, u)))
+    search = StepwiseSelection(segments_of(rig, u, recorded(both, u)))
     model = replace(search.nothing, rig=both, keys=(yields, drags))
     assert search.without(model, yields).keys == ()
     assert search.without(model, drags).keys == (yields,)
@@ -134,14 +134,14 @@ def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
     rig = nominal_rig("pendulum")
     true = rig.with_effect(*COULOMB, {"torque": 0.02})
     parts = [(command(s, rms, seed), noise) for s, rms, seed, noise in ((5.0, 0.6, 1, 1e-2), (9.0, 0.3, 2, 1e-4))]
-    bench = Segments(rig, tuple(predictor_of(rig, u, recorded(true, u, noise)) for u, noise in parts))
-    search = StepwiseSelection(bench)
+    segments = Segments(rig, tuple(predictor_of(rig, u, recorded(true, u, noise)) for u, noise in parts))
+    search = StepwiseSelection(segments)
     asked = []
     columns = searching.Columns
 
-    def spy(bench: Segments, model: FittedModel, sizes, *rest, **named):
-        asked.append((bench, sizes))
-        return columns(bench, model, sizes, *rest, **named)
+    def spy(segments: Segments, model: FittedModel, sizes, *rest, **named):
+        asked.append((segments, sizes))
+        return columns(segments, model, sizes, *rest, **named)
 
     monkeypatch.setattr(searching, "Columns", spy)
     search.proposals(search.nothing)
@@ -168,14 +168,14 @@ def test_several_recordings_are_searched_together():
 def test_progress_is_told():
     said = []
     rig, u = nominal_rig("pendulum"), command(5.0, 0.4)
-    StepwiseSelection(bench_of(rig, u, recorded(rig, u)), tell=lambda text, share: said.append((text, share))).run()
+    StepwiseSelection(segments_of(rig, u, recorded(rig, u)), tell=lambda text, share: said.append((text, share))).run()
     assert said
     assert all(text and 0.0 <= share <= 1.0 for text, share in said)
 
 
 def test_a_nominal_rig_that_runs_away_is_refused(monkeypatch):
     rig, u = nominal_rig("pendulum"), command(5.0, 0.4)
-    bench = bench_of(rig, u, recorded(rig, u))
-    monkeypatch.setattr(Segments, "rows", lambda *_: None)
+    segments = segments_of(rig, u, recorded(rig, u))
+    monkeypatch.setattr(Segments, "residuals", lambda *_: None)
     with pytest.raises(UserError, match="does not follow it"):
-        StepwiseSelection(bench)
+        StepwiseSelection(segments)

@@ -7,7 +7,7 @@ from nominal import nominal_rig
 from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis.engine.trajectory import Trajectory
 
-from .conftest import STEP_S, bench_of, command, recorded
+from .conftest import STEP_S, command, recorded, segments_of
 
 GEARED = {
     "name": "geared",
@@ -30,7 +30,7 @@ def test_a_geared_drive_whose_net_force_is_a_tenth_of_what_acts():
     rig = load_rig(GEARED)
     t = STEP_S * np.arange(8001)
     u = np.sin(2.0 * np.pi * 0.1 * t)
-    (p,) = bench_of(rig, u, recorded(rig, u)).predictors
+    (p,) = segments_of(rig, u, recorded(rig, u)).predictors
     forces = dict(zip(p.bodies, p.force, strict=True))
     drive = 0.1 * np.sqrt(np.mean(u**2))
     assert forces["rotor"] == pytest.approx(drive, rel=0.05)
@@ -44,7 +44,7 @@ def test_a_geared_drive_whose_net_force_is_a_tenth_of_what_acts():
 @pytest.mark.parametrize("zero", [0.0, 40.0])
 def test_a_spring_counts_about_its_mean_as_zeros_are_arbitrary(zero):
     rig, n = nominal_rig("rotary_drive"), 4001
-    t, linear = STEP_S * np.arange(n), bench_of(rig, command(4.0, 1.0), recorded(rig, command(4.0, 1.0))).linear
+    t, linear = STEP_S * np.arange(n), segments_of(rig, command(4.0, 1.0), recorded(rig, command(4.0, 1.0))).linear
     X = np.zeros((n, len(linear.states)))
     load = linear.states.index("load q")
     X[:, load] = zero + 0.01 * np.sin(2.0 * np.pi * t)
@@ -56,7 +56,7 @@ def test_a_spring_counts_about_its_mean_as_zeros_are_arbitrary(zero):
 
 def test_what_a_rig_knows_of_friction_acts():
     rig = nominal_rig("pendulum")
-    linear = bench_of(rig, command(4.0, 1.0), recorded(rig, command(4.0, 1.0))).linear
+    linear = segments_of(rig, command(4.0, 1.0), recorded(rig, command(4.0, 1.0))).linear
     X = np.zeros((2001, len(linear.states)))
     X[:, linear.speed] = 2.0
     held = rig.with_effect("disk", "coulomb_friction", {"torque": 3.0}).with_effect(

@@ -6,7 +6,7 @@ import pytest
 
 from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis.explain.found_model import found_model
-from dtbacklash.diagnosis.predictions import bench_of
+from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import records_of
 from dtbacklash.recording.model import Recording
 
@@ -39,7 +39,7 @@ def test_the_mended_model_and_its_laws_move_as_the_diagnosis_simulates(tmp_path)
     frame = pd.DataFrame({"t": t, "u": np.sin(5.0 * t) + 0.7 * np.sin(1.3 * t), "angle": 0.0 * t})
     frame.loc[1:, "angle"] = 1e-9 * np.sin(t[1:])
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
-    p = bench_of(rig, records, [1]).predictors[0]
+    p = segments_of(rig, records, [1]).predictors[0]
     gains = p.gains(rig, p.first_sizes())
     gains.K[:] = 0.0
     ours = p.run(rig, gains).X[:, 0]
