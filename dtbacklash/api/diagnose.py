@@ -189,7 +189,8 @@ class Found:
         ----------
         what : ``rig``, the rig with the evidence at each element; a channel (``q3``), measured and simulated before and
             after; ``residual q3``, what the model leaves there, with its autocorrelation and spectrum; a finding's
-            location (``motor_bearing``), the recovered force and the law over its state.
+            location (``motor_bearing``), the recovered force and the law over its state; ``profile J``, the profile
+            likelihood of a fitted parameter (``profile disk.coulomb_friction.torque`` of a finding's), computed now.
 
         Raises
         ------
@@ -197,7 +198,7 @@ class Found:
         """
         from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
         from dtbacklash.report.diagnosis.page import rig_figure
-        from dtbacklash.report.diagnosis.residual import residual_figure
+        from dtbacklash.report.diagnosis.residual import profile_figure, residual_figure
         from dtbacklash.report.diagnosis.words import better_model
 
         if what == "rig":
@@ -212,7 +213,22 @@ class Found:
         left = {f"residual {name}": curve for name, curve in curves.items()}
         if what in left:
             return residual_figure(left[what])
-        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws]))
+        profile, units = self.diagnosis.profile, self._units_of_fitted()
+        fitted = {f"profile {name}": name for name in units if profile is not None}
+        if profile is not None and what in fitted:
+            known = self.diagnosis.nominal.config.parameters.get(fitted[what])
+            return profile_figure(profile(fitted[what]), units[fitted[what]], known.value if known else None)
+        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws, *fitted]))
+
+    def _units_of_fitted(self) -> dict[str, str]:
+        """Title of a fitted parameter -> its unit, SI."""
+        known = self.diagnosis.calibration.parameters if self.diagnosis.calibration else {}
+        units = {name: p.unit for name, p in known.items()}
+        return units | {
+            f"{f.location}.{f.effect}.{name}": p.unit
+            for f in self.diagnosis.findings
+            for name, p in f.parameters.items()
+        }
 
     def save(self, folder: str | Path) -> Path:
         """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.

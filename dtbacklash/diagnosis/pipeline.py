@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,7 +15,7 @@ from dtbacklash.diagnosis.engine.confidence import ConfidenceTest, JudgedModel
 from dtbacklash.diagnosis.engine.cross_validation import left_out, predicted
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, without_name
 from dtbacklash.diagnosis.engine.formula_fit import modelled
-from dtbacklash.diagnosis.engine.intervals import Values, polished
+from dtbacklash.diagnosis.engine.intervals import Values, polished, profile
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import with_errors, with_priors
 from dtbacklash.diagnosis.engine.per_recording import in_each
@@ -306,7 +307,7 @@ class _Course:
         c = replace(c, in_each=in_each(segments, model, about, {*c.sizes.values(), *search.differences, *away}))
         if any((r.train & r.held).any() for r in self.records):
             c = self._in_turns(c)
-        return self._diagnosis(c, depth)
+        return replace(self._diagnosis(c, depth), profile=partial(profile, segments, search.motion, model, about))
 
     def _in_turns(self, c: Conclusion) -> Conclusion:
         """Each recording left out in turn, to judge."""

@@ -221,3 +221,18 @@ class Work:
     fits: int
     smooth: bool = False
     depth: str = "full"
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The likelihood along one parameter, all others fitted anew at each of its values.
+
+    title : of the parameter. values : (K,) in its unit, rising. rises : (K,) of -2 log likelihood with priors above
+    its least, which is 3.84 at the ends of a 95 % interval where errors are white. error : the standard error that is
+    given for it.
+    """
+
+    title: str
+    values: Floats
+    rises: Floats
+    error: float

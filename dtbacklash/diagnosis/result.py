@@ -5,12 +5,13 @@ Everything here is plain data in SI: the report draws it, Python reads it, and n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
 from dtbacklash.diagnosis.findings import Calibration, Changed, Document, Finding, Modelled, Recalibrated
 from dtbacklash.diagnosis.planning import Observed
-from dtbacklash.diagnosis.plot_data import Explained, FitTable, FreeRunning, PlotData, RecordingUsed, Work
+from dtbacklash.diagnosis.plot_data import Explained, FitTable, FreeRunning, PlotData, Profile, RecordingUsed, Work
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
@@ -149,6 +150,7 @@ class Diagnosis:
     changes : what changed from the first recording to the second, where that was asked (``compare=change``).
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
     observed : how the machine was seen to move and what is open, for the experiment after it.
+    profile : title of a fitted parameter -> its profile likelihood, which is computed where it is asked for.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -181,6 +183,7 @@ class Diagnosis:
     first: str = ""
     zeros: str = ""
     changes: tuple[Changed, ...] | None = None
+    profile: Callable[[str], Profile] | None = field(default=None, repr=False, compare=False)
 
     @property
     def rig(self) -> Rig:

@@ -90,6 +90,11 @@ class FitProblem:
         # what belongs to one recording takes no law's place in the others
         self.weights = np.array([stiff if f.recording is None else 1.0 for f in self.free[: self.priors]])
 
+    def hold(self, j: int) -> None:
+        """Fit a parameter no more: it stays where the base rig has it."""
+        if self.free.pop(j).prior:
+            self.priors, self.weights = self.priors - 1, np.delete(self.weights, j)
+
     @property
     def counts(self) -> int:
         """Free parameters of what was added, and of what is each recording's own."""

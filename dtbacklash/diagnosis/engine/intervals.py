@@ -15,10 +15,11 @@ from scipy import special
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.fit import LADDER, STEP_MAX, FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion
-from dtbacklash.diagnosis.engine.parameters import Errors, FreeParameter, Key
+from dtbacklash.diagnosis.engine.parameters import Errors, FreeParameter, Key, apply
 from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.parallel import spread
+from dtbacklash.diagnosis.plot_data import Profile
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
@@ -34,6 +35,8 @@ ALONE = 0.25
 LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
 #: steps to both sides: what they change all innovations by at most (norm), and along a direction a parameter (x)
 CHANGE, WIDE = 10.0, 0.05
+#: values of a profile to each side of the best one, how far it reaches (standard errors), and steps of each fit
+PROFILE_POINTS, PROFILE_REACH, PROFILE_STEPS = 5, 3.0, 10
 #: steps by precise differences, until all of one is below so much (standard errors)
 POLISHED, NEAR = 3, 0.1
 
@@ -132,6 +135,43 @@ def _over_horizons(segments: Segments, motion: Motion, model: FittedModel, found
         return found
     covariance = found.covariance + np.outer(far - found.x, far - found.x)
     return replace(found, covariance=covariance, errors=_errors(model, found.free, found.x, covariance))
+
+
+def profile(segments: Segments, motion: Motion, model: FittedModel, found: Values, title: str) -> Profile:
+    """The profile likelihood of one parameter of a model, at the model's noise levels.
+
+    Venzon and Moolgavkar, Appl. Statist. 37 (1988) 87. found : the model's values. title : as of
+    :attr:`.FreeParameter.title`.
+
+    Raises
+    ------
+    UserError : the model has no such free parameter, or is not finite beside its value.
+    """
+    titles = [f.title for f in found.free]
+    if title not in titles:
+        raise UserError("profile", title, f"choose one of {', '.join(titles)}")
+    j = titles.index(title)
+    f, variance = found.free[j], float(found.covariance[j, j])
+    steps = PROFILE_REACH * math.sqrt(variance) * np.linspace(-1.0, 1.0, 2 * PROFILE_POINTS + 1)
+    along = found.covariance[:, j] / variance  # how the others move with it, to first order
+    known = {f.value(float(found.x[j]) + step): step for step in steps.tolist()}  # ends of its range come once
+    costs = [_pinned(segments, motion, model, found.x + step * along, f) for step in known.values()]
+    if not np.isfinite(costs).all():
+        raise UserError("profile", title, "a parameter beside whose value the rig can be simulated")
+    values_, order = np.array(list(known)), np.argsort(list(known))
+    rises = np.array(costs) - min(costs)
+    return Profile(title, values_[order], rises[order], found.errors[f.place, f.effect, f.label])
+
+
+def _pinned(segments: Segments, motion: Motion, model: FittedModel, x: Floats, pinned: FreeParameter) -> float:
+    """-2 log likelihood with priors, one parameter as in x, and all others fitted anew from there."""
+    j = next(k for k, f in enumerate(_problem(segments, motion, model, 1.0).free) if f.title == pinned.title)
+    moved = replace(model, rig=apply(model.rig, [pinned], x[j : j + 1]))
+    problem = _problem(segments, motion, moved, 1.0)
+    problem.hold(j)
+    _, squares = problem.gauss_newton(model.sizes, np.delete(x, j), PROFILE_STEPS)
+    logs = sum(g.logs for g in segments.gains(problem.base, model.sizes))
+    return squares + logs + (float(x[j]) ** 2 if pinned.prior else 0.0)
 
 
 def _problem(segments: Segments, motion: Motion, model: FittedModel, stiff: float) -> FitProblem:

@@ -1,4 +1,4 @@
-"""What the better model leaves of a channel: over time, its autocorrelation, its spectrum."""
+"""Figures beside the page: what a model leaves of a channel, and the profile likelihood of a parameter."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.plot_data import Curve
+from dtbacklash.diagnosis.plot_data import Curve, Profile
 from dtbacklash.report.components.intervals import scaled, unit_in_signs
 from dtbacklash.report.components.style import INK, MUTED, envelope, new_figure, styled
-from dtbacklash.report.diagnosis.figures import EXTENDED, NOISE, _broken
+from dtbacklash.report.diagnosis.figures import EXTENDED, NOISE, NOMINAL, _broken
 
 #: lags of the autocorrelation; samples of a segment of the spectrum; 95 % of a normal distribution
 LAGS, SEGMENT, NORMAL95 = 100, 1024, 1.96
@@ -49,6 +49,31 @@ def residual_figure(curve: Curve) -> Figure:
     axes["spectrum"].loglog(hertz[1:], np.maximum(power[1:], np.finfo(float).tiny), color=EXTENDED, lw=1.0)
     axes["spectrum"].set_xlabel("frequency [Hz]")
     axes["spectrum"].set_ylabel(f"spectrum [{unit_in_signs(unit)}²/Hz]")
+    return figure
+
+
+@styled
+def profile_figure(found: Profile, unit: str, nominal: float | None = None) -> Figure:
+    """The rise of -2 log likelihood over the values of a parameter, and the parabola of its standard error.
+
+    unit : of the values, SI. nominal : the value that the rig gives, if it is near.
+    """
+    factor, shown = scaled(unit, float(np.abs(found.values).max()))
+    best = float(found.values[np.argmin(found.rises)])
+    figure = new_figure(3.9)
+    ax = figure.subplots()
+    fine = np.linspace(found.values[0], found.values[-1], 200)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parabola = ((fine - best) / found.error) ** 2
+    ax.plot(fine / factor, parabola, color=MUTED, lw=1.2, ls=(0, (4, 2)), label="of the standard error")
+    ax.plot(found.values / factor, found.rises, "o-", color=EXTENDED, lw=2.0, ms=4.5, label="all others fitted anew")
+    ax.axhline(NORMAL95**2, color=INK, lw=0.7, label="ends of a 95 % interval")
+    if nominal is not None and found.values[0] <= nominal <= found.values[-1]:
+        ax.axvline(nominal / factor, color=NOMINAL, lw=1.2, ls=(0, (1, 1.5)), label="nominal")
+    ax.set_ylim(0.0, 1.1 * max(float(found.rises.max()), NORMAL95**2))
+    ax.set_xlabel(f"{found.title} [{unit_in_signs(shown)}]")
+    ax.set_ylabel("rise of $-2 \\log$ likelihood")
+    figure.legend(loc="outside upper left", ncols=2, columnspacing=1.6)
     return figure
 
 

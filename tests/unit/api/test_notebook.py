@@ -1,5 +1,7 @@
 """What a notebook shows of results, rigs and recordings: a line, a small table, a figure."""
 
+from dataclasses import replace
+
 import diagnosed
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ from told import refused
 
 import dtbacklash as dtb
 from dtbacklash.api.diagnose import Found
+from dtbacklash.diagnosis.plot_data import Profile
 from dtbacklash.recording import Recording
 from dtbacklash.report.diagnosis.residual import autocorrelation
 
@@ -57,6 +60,22 @@ def test_the_residual_is_drawn_with_its_autocorrelation_and_spectrum(found):
     assert [ax.get_ylabel().partition(" ")[0] for ax in figure.axes] == ["left", "autocorrelation", "spectrum"]
     with refused("plot=residual y: choose one of rig, theta_m, q3, residual theta_m, residual q3"):
         found.plot("residual y")
+
+
+def test_the_profile_of_a_fitted_parameter_is_drawn_with_the_parabola_of_its_error(found):
+    def profile(title):
+        values = np.linspace(0.018, 0.022, 11)
+        return Profile(title, values, ((values - 0.02) / 5e-4) ** 2, 5e-4)
+
+    title = "motor_bearing.coulomb_friction.torque"
+    figure = Found(replace(found.diagnosis, profile=profile)).plot(f"profile {title}")
+    (ax,) = figure.axes
+    parabola, drawn = (line.get_xydata() for line in ax.lines[:2])
+    assert ax.get_xlabel() == f"{title} [mN m]"
+    assert drawn[:, 0] == pytest.approx(np.linspace(18.0, 22.0, 11))
+    assert np.interp(drawn[:, 0], *parabola.T) == pytest.approx(drawn[:, 1], abs=0.01)
+    with refused("plot=profile q9"):
+        found.plot("profile q9")
 
 
 def test_an_autocorrelation_is_one_at_no_lag_and_that_of_its_period_elsewhere():

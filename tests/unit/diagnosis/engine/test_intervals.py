@@ -8,10 +8,22 @@ import pytest
 from nominal import nominal_rig
 
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
-from dtbacklash.diagnosis.engine.intervals import STRETCHES, Values, covariance_of, inverse, polished, stretches, values
+from dtbacklash.diagnosis.engine.intervals import (
+    PROFILE_POINTS,
+    PROFILE_REACH,
+    STRETCHES,
+    Values,
+    covariance_of,
+    inverse,
+    polished,
+    profile,
+    stretches,
+    values,
+)
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import apply, nominal_free
 from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import build_rig
 
@@ -97,6 +109,28 @@ def test_a_polished_model_is_at_its_optimum():
     assert model.score < start.score
     step = inverse(found.jacobian) @ (found.jacobian.T @ found.rows)
     assert np.all(np.abs(step) < 0.1 * np.sqrt(np.diag(found.covariance)))
+
+
+def test_a_profile_of_a_linear_case_is_the_parabola_of_its_error():
+    """All others are fitted anew: held where they are, the likelihood would fall off much faster."""
+    rig, u = nominal_rig("oscillator"), command(4.0, 1.0)
+    segments = segments_of(rig, u, recorded(rig.with_effect(*DAMPED, {"coefficient": COEFFICIENT}), u))
+    motion, model, found = fitted(segments, rig.with_effect(*DAMPED, {"coefficient": 1.0}), [DAMPED])
+    for title in ("m", "c"):  # the friction can stand for the latter: its prior alone holds it
+        seen = profile(segments, motion, model, found, title)
+        assert seen.values.shape == seen.rises.shape == (2 * PROFILE_POINTS + 1,)
+        j = next(k for k, f in enumerate(found.free) if f.title == title)
+        curvature = np.linalg.inv(found.jacobian.T @ found.jacobian)[j, j]
+        reach = PROFILE_REACH * np.sqrt(found.covariance[j, j] / curvature)
+        parabola = np.linspace(-reach, reach, len(seen.values)) ** 2
+        assert seen.rises == pytest.approx(parabola, rel=0.1, abs=0.1), title
+        assert (found.jacobian[:, j] ** 2).sum() * curvature > 1.5  # how much steeper the others held would make it
+    skew = profile(segments, motion, model, found, "mass.viscous_friction.coefficient").rises
+    assert (
+        skew[-1] > 3.0 * skew[0] > 9.0
+    )  # c takes up all of a small friction; for a large one it would have to be below 0
+    with pytest.raises(UserError, match="choose one of m, "):
+        profile(segments, motion, model, found, "mass.coulomb_friction.force")
 
 
 @pytest.mark.parametrize(("k3", "wider"), [(0.0, (1.0, 1.1)), (2e5, (1.3, 3.0))])
