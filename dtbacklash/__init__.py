@@ -1,6 +1,6 @@
 """A simulator of a lead-screw drive with growing backlash, its controllers, its digital twin, and a diagnosis.
 
-The face for Python; every name is imported when it is first used, and the import of the package changes nothing::
+The interface for Python; every name is imported when it is first used, and the import of the package changes nothing::
 
     import dtbacklash as dtb
 

@@ -183,9 +183,6 @@ def kept(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 #: instead of 0.5 us (the plant is a tuple of twenty arrays, each counted at each call).
 compiled = kept(_nrt=False)
 
-#: The same without the interpreter's lock, so that threads can share the work.
-compiled_free = kept(_nrt=False, nogil=True)
-
 #: For what the inner loop calls every time: a call that is not inlined passes the plant's two hundred words (0.15 us).
 inlined = kept(_nrt=False, forceinline=True)
 

@@ -35,7 +35,7 @@ MOTION = (
 def diagnosis_rows() -> list[Row]:
     """Time of whole diagnoses against length, and the memory at its highest."""
     rig = build_rig(compose("rig=lead_screw").rig)
-    diagnose_records(rig, [_record(rig, EFFECTS[0], 3.0)], jobs=JOBS)  # compiles
+    diagnose_records(rig, [_record(rig, EFFECTS[0], 3.0)], jobs=JOBS)  # loads
     rows: list[Row] = []
     for effect in EFFECTS:
         per_second = []

@@ -121,7 +121,7 @@ def _recorded(rig: Rig, u: Floats, rng: np.random.Generator, number: int, lead_i
     return Record(STEP_S, u[cut:], y, whole, ~whole, recording=number)
 
 
-def _bench(nominal: Rig, records: list[Record]) -> Segments:
+def _segments(nominal: Rig, records: list[Record]) -> Segments:
     return segments_of(nominal, records, [rate_of(nominal, r.y, r.sample_time_s) for r in records])
 
 
@@ -134,7 +134,7 @@ def _leads(
     nominal: Rig, records: list[Record], case: Case
 ) -> tuple[float, tuple[FittedModel, Key], tuple[FittedModel, Key]]:
     """By how much the truth is likelier than the other, and both models."""
-    segments = _bench(nominal, records)
+    segments = _segments(nominal, records)
     truth, other = ((_fitted(segments, nominal, law), law[:2]) for law in (case.truth, case.other))
     return other[0].score - truth[0].score, truth, other
 

@@ -213,22 +213,12 @@ class Found:
         left = {f"residual {name}": curve for name, curve in curves.items()}
         if what in left:
             return residual_figure(left[what])
-        profile, units = self.diagnosis.profile, self._units_of_fitted()
-        fitted = {f"profile {name}": name for name in units if profile is not None}
-        if profile is not None and what in fitted:
-            known = self.diagnosis.nominal.config.parameters.get(fitted[what])
-            return profile_figure(profile(fitted[what]), units[fitted[what]], known.value if known else None)
+        profiles = self.diagnosis.profiles
+        fitted = {f"profile {name}": name for name in profiles.units} if profiles else {}
+        if profiles and what in fitted:
+            known, unit = self.diagnosis.nominal.config.parameters.get(fitted[what]), profiles.units[fitted[what]]
+            return profile_figure(profiles(fitted[what]), unit, known.value if known else None)
         raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws, *fitted]))
-
-    def _units_of_fitted(self) -> dict[str, str]:
-        """Title of a fitted parameter -> its unit, SI."""
-        known = self.diagnosis.calibration.parameters if self.diagnosis.calibration else {}
-        units = {name: p.unit for name, p in known.items()}
-        return units | {
-            f"{f.location}.{f.effect}.{name}": p.unit
-            for f in self.diagnosis.findings
-            for name, p in f.parameters.items()
-        }
 
     def save(self, folder: str | Path) -> Path:
         """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.

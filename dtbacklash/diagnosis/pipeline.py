@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,7 +14,7 @@ from dtbacklash.diagnosis.engine.confidence import ConfidenceTest, JudgedModel
 from dtbacklash.diagnosis.engine.cross_validation import left_out, predicted
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, without_name
 from dtbacklash.diagnosis.engine.formula_fit import modelled
-from dtbacklash.diagnosis.engine.intervals import Values, polished, profile
+from dtbacklash.diagnosis.engine.intervals import Values, polished, profiles
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import with_errors, with_priors
 from dtbacklash.diagnosis.engine.per_recording import in_each
@@ -209,13 +208,13 @@ class _Course:
 
     def _clears(self, records: list[Record], held: StepwiseSelection) -> bool:
         """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
-        segments = replace(self._bench(records, self.every), nominal=held.segments.nominal)
+        segments = replace(self._segments(records, self.every), nominal=held.segments.nominal)
         left = segments.most_unknown(segments.tuned(held.now.rig)[0])
         return left < held.rules.clearing_ratio * held.unknown(held.now)
 
     def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
-        segments, now = replace(self._bench(records, self.every), nominal=search.segments.nominal), search.now
+        segments, now = replace(self._segments(records, self.every), nominal=search.segments.nominal), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
         alike = now.score - now.loss + segments.tuned(now.rig)[1]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
@@ -226,14 +225,14 @@ class _Course:
     def _begun(self, records: list[Record]) -> StepwiseSelection:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
-        segments, first = self._bench(records, self.every), self.begin
+        segments, first = self._segments(records, self.every), self.begin
         if first:
             first = replace(first, rig=zeroed(segments, first.rig))
         return StepwiseSelection(
             replace(segments, nominal=zeroed(segments, self.rig)), tell=self.tell, finer=finer, begin=first
         )
 
-    def _bench(self, records: list[Record], every: list[int]) -> Segments:
+    def _segments(self, records: list[Record], every: list[int]) -> Segments:
         """Predictors of records, with the forces that move the rig from which a search begins."""
         return replace(segments_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
 
@@ -278,7 +277,7 @@ class _Course:
 
     def _at_finer(self, model: FittedModel) -> float:
         """The largest unknown force of a model at a finer rate."""
-        segments = self._bench(self.records, self._finer())
+        segments = self._segments(self.records, self._finer())
         return segments.most_unknown(segments.tuned(model.rig)[0])
 
     def _of_timing(self, model: FittedModel) -> bool:
@@ -298,7 +297,10 @@ class _Course:
             gone = tuple(k for k in names.keys if k not in judged.model.keys)
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
-        model, about, segments = self._last_word(search, judged.model)
+        last_fit, about, segments, motion = self._last_word(search, judged.model)
+        model = replace(judged.model, rig=last_fit.rig)
+        if last_fit.keys != model.keys:
+            model = replace(model, keys=last_fit.keys, sizes=search.segments.tuned(last_fit.rig, model.sizes)[0])
         judged = replace(judged, model=model)
         seen = Predictions(search.segments, self.records, self.every, (last or model).rig, (last or model).sizes)
         moved = had_to_move(search, model, about)
@@ -307,7 +309,7 @@ class _Course:
         c = replace(c, in_each=in_each(segments, model, about, {*c.sizes.values(), *search.differences, *away}))
         if any((r.train & r.held).any() for r in self.records):
             c = self._in_turns(c)
-        return replace(self._diagnosis(c, depth), profile=partial(profile, segments, search.motion, model, about))
+        return replace(self._diagnosis(c, depth), profiles=profiles(segments, motion, last_fit, about, c.label))
 
     def _in_turns(self, c: Conclusion) -> Conclusion:
         """Each recording left out in turn, to judge."""
@@ -317,14 +319,14 @@ class _Course:
         said = predicted(segments, motion, extended, c.model, less)
         return replace(c, left_out=(nothing if c.model.keys else extended, extended), predicted=said)
 
-    def _last_word(self, search: StepwiseSelection, model: FittedModel) -> tuple[FittedModel, Values, Segments]:
-        """A model with the values that the recording has at its full rate, what they may be off by, and those segments.
+    def _last_word(self, search: StepwiseSelection, model: FittedModel) -> tuple[FittedModel, Values, Segments, Motion]:
+        """A model with the values that the recording has at its full rate, their errors, the segments and the motion.
 
         A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
         """
         segments, motion, last = search.segments, search.motion, model
         if max(self.every) > 1 and model.keys:
-            full = replace(self._bench(self.records, [1] * len(self.every)), nominal=segments.nominal)
+            full = replace(self._segments(self.records, [1] * len(self.every)), nominal=segments.nominal)
             sizes, _ = full.tuned(model.rig)
             if full.refine(model.rig, sizes, search.rules.min_gain * search.segments.count):
                 sizes, _ = full.tuned(model.rig, sizes)
@@ -341,9 +343,7 @@ class _Course:
             less = _fitted(segments, motion, without_name(segments, last, key)) if doubted else None
             if less is not None and (key in ends or less.score < last.score + search.asked(last, less)):
                 last, about = polished(segments, motion, less)
-        if last.keys != model.keys:
-            model = replace(model, keys=last.keys, sizes=search.segments.tuned(last.rig, model.sizes)[0])
-        return replace(model, rig=last.rig), about, segments
+        return last, about, segments, motion
 
     def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
         tables = ErrorTables(c)

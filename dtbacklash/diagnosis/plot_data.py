@@ -228,11 +228,12 @@ class Profile:
     """The likelihood along one parameter, all others fitted anew at each of its values.
 
     title : of the parameter. values : (K,) in its unit, rising. rises : (K,) of -2 log likelihood with priors above
-    its least, which is 3.84 at the ends of a 95 % interval where errors are white. error : the standard error that is
-    given for it.
+    its least; white errors reach 3.84 at the ends of a 95 % interval. fitted : the value that was found. error : its
+    standard error, which is wider where errors are not white, or how the law is formulated matters.
     """
 
     title: str
     values: Floats
     rises: Floats
+    fitted: float
     error: float

@@ -1,20 +1,23 @@
 """The result of a diagnosis, typed: what ``diagnosis.json`` holds, and what its figures show.
 
-Everything here is plain data in SI: the report draws it, Python reads it, and nothing has to be simulated again.
+Everything here is plain data in SI: the report draws it, Python reads it, and nothing has to be simulated again. Only
+the profile likelihoods are computed where they are asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from dtbacklash.diagnosis.findings import Calibration, Changed, Document, Finding, Modelled, Recalibrated
 from dtbacklash.diagnosis.planning import Observed
-from dtbacklash.diagnosis.plot_data import Explained, FitTable, FreeRunning, PlotData, Profile, RecordingUsed, Work
+from dtbacklash.diagnosis.plot_data import Explained, FitTable, FreeRunning, PlotData, RecordingUsed, Work
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
+
+if TYPE_CHECKING:
+    from dtbacklash.diagnosis.engine.intervals import Profiles
 
 Verdict = Literal["consistent", "parameters", "missing_physics", "unexplained"]
 CONSISTENT: Verdict = "consistent"
@@ -150,7 +153,7 @@ class Diagnosis:
     changes : what changed from the first recording to the second, where that was asked (``compare=change``).
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
     observed : how the machine was seen to move and what is open, for the experiment after it.
-    profile : title of a fitted parameter -> its profile likelihood, which is computed where it is asked for.
+    profiles : those of the fitted parameters, which hold the recordings.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -183,7 +186,7 @@ class Diagnosis:
     first: str = ""
     zeros: str = ""
     changes: tuple[Changed, ...] | None = None
-    profile: Callable[[str], Profile] | None = field(default=None, repr=False, compare=False)
+    profiles: Profiles | None = field(default=None, repr=False, compare=False)
 
     @property
     def rig(self) -> Rig:

@@ -37,7 +37,8 @@ class DiagnoseSettings:
         0.1, "where more unknown force is left, gains are tried at wrong factors, and a finer rate",
         unit="share of what acts")
     min_t: float = setting(
-        3.0, "a name is sure if it leads each rival by so much in each view", unit="standard errors")
+        3.0, "a model leads another by so much; a name is sure if it leads all rivals in all views",
+        unit="standard errors")
     min_shift: float = setting(
         0.25, "a parameter of the rig that moved by less is as it was given", unit="tolerances")
 

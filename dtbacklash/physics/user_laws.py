@@ -306,7 +306,7 @@ class _Declared:
             raise UserError(self.law_key, self.law.text, f"gives {units.of_dimension(found)}, must give {wanted}")
 
     def effect(self, starts: list[Values], texts: Mapping[str, str]) -> Effect:
-        """The effect, with its laws compiled on demand; refused where it is not finite or does not vanish."""
+        """The effect, with its laws; refused where it is not finite or does not vanish."""
         made = [formula.function() for formula in self._formulas()]
         slot: slots.Slot = self.slot_kind(*made)
         self._try(slot)

@@ -85,7 +85,7 @@ class Sight:
 
 
 class Oracle:
-    """One recording of a nominal rig. predictor : of all of it. bench : of all but the held-out part."""
+    """One recording of a nominal rig. predictor : of all of it. segments : of all but the held-out part."""
 
     def __init__(self, nominal: Rig, record: Record) -> None:
         self.nominal, self.record = nominal, record
@@ -93,8 +93,8 @@ class Oracle:
         fitted = round((1.0 - HELD_OUT) * record.samples)
         self.every = rate_of(nominal, {c: record.y[c][:fitted] for c in self.channels}, record.sample_time_s)
         self.predictor = predictor_of(nominal, record, self.every)
-        self.bench = Segments(nominal, (self.predictor.first(1.0 - HELD_OUT),))
-        for predictor in (self.predictor, *self.bench.predictors):
+        self.segments = Segments(nominal, (self.predictor.first(1.0 - HELD_OUT),))
+        for predictor in (self.predictor, *self.segments.predictors):
             # in few steps, at the rate of the motion, a true friction may seem false
             predictor.simulated = Simulated(predictor.readings, finely=True)
 
@@ -103,27 +103,27 @@ class Oracle:
 
         pinned : a parameter that stays as it is in the rig.
         """
-        bench = self._bench(pinned)
-        sizes, _ = bench.tuned(rig)
-        return self._problem(bench, rig, keys, sizes).homotopy_fit(sizes)
+        segments = self._segments(pinned)
+        sizes, _ = segments.tuned(rig)
+        return self._problem(segments, rig, keys, sizes).homotopy_fit(sizes)
 
     def at(self, sizes: Sizes, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Rig:
         """The rig with the values that fit best at given sizes."""
-        problem = self._problem(self._bench(pinned), rig, keys, sizes)
+        problem = self._problem(self._segments(pinned), rig, keys, sizes)
         x, squares = problem.gauss_newton(sizes, problem.start(), STEPS)
         return problem.rig(x) if math.isfinite(squares) else rig
 
-    def _bench(self, pinned: str) -> Segments:
+    def _segments(self, pinned: str) -> Segments:
         if not pinned:
-            return self.bench
+            return self.segments
         known = self.nominal.config.parameters
         exact = {**known, pinned: replace(known[pinned], tolerance=0.0)}
-        return replace(self.bench, nominal=build_rig(replace(self.nominal.config, parameters=exact)))
+        return replace(self.segments, nominal=build_rig(replace(self.nominal.config, parameters=exact)))
 
     @staticmethod
-    def _problem(bench: Segments, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> FitProblem:
+    def _problem(segments: Segments, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> FitProblem:
         there = [key for key in keys if rig.effect(*key) is not None]
-        return FitProblem(bench, rig, there, motion_of(bench, rig, bench.gains(rig, sizes)), stiff=1.0)
+        return FitProblem(segments, rig, there, motion_of(segments, rig, segments.gains(rig, sizes)), stiff=1.0)
 
     def rows(self, rig: Rig, sizes: Sizes) -> Floats:
         """(N, channels) whitened innovations of the whole recording."""
@@ -138,14 +138,14 @@ class Oracle:
         there = self.at(best.sizes, without.rig, without.keys, pinned)
         lacks = [self.rows(rig, best.sizes) for rig in (without.rig, there)]
         found = compared(min(lacks, key=_square), self.rows(best.rig, best.sizes))
-        least = max(WORTH[0], WORTH[1] * self.bench.count)
+        least = max(WORTH[0], WORTH[1] * self.segments.count)
         return replace(found, to_spare=float(without.score - best.score - least))
 
     def held_out(self, rig: Rig | None, sizes: Sizes) -> float:
         """Rms of a rig's whitened innovations of the held-out part."""
         if rig is None:
             return math.nan
-        return math.sqrt(_square(self.rows(rig, sizes)[len(self.bench.predictors[0].readings.u) :]))
+        return math.sqrt(_square(self.rows(rig, sizes)[len(self.segments.predictors[0].readings.u) :]))
 
     def unlisted(self, recalibrated: FittedModel, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Sight]:
         """{name of the catalogue's best law: beside the noise}; truth : sensor -> (N,) its reading without errors."""
@@ -157,7 +157,7 @@ class Oracle:
         if extended is not None:
             keys = [key for key in effects_of_rig(extended) if not is_known(self.nominal, key)]
             tried["diagnosed"] = self.at(sizes, extended, keys)
-        for p in CandidateSensitivities(self.bench, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
+        for p in CandidateSensitivities(self.segments, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
             with suppress(UserError):  # the rig cannot have it
                 tried[".".join(*p.keys)] = self.at(sizes, p.put(bare), p.keys)
         left = {name: self.rows(rig, sizes) for name, rig in tried.items()}

@@ -79,8 +79,7 @@ class Processes:
         self._pool = self._made()
 
     def warm_up(self, belief: Document) -> None:
-        """Have each of them load (the first time on a machine: compile) what an estimate needs."""
-        answer_ready(belief)  # here first: several that compile the same would only compete
+        """Have each of them load what an estimate needs."""
         for future in [self._pool.submit(answer_ready, belief) for _ in range(self.count)]:
             future.result()
 

@@ -46,7 +46,7 @@ def test_what_is_hidden_is_said(case: Golden, tmp_path: Path):
 
 
 def test_all_numbers_but_two_are_seen_to_decide():
-    """``small`` has a test of the search; no golden recording is so near that ``alike`` decides."""
+    """``min_effect`` has a test of the search; no golden recording is so near that ``tie_ratio`` decides."""
     assert {one.name for one in fields(SETTINGS)} == set(MOVED) | {"min_effect", "tie_ratio"}
 
 

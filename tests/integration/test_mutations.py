@@ -16,12 +16,21 @@ PACKAGE, TESTS = Path(dtbacklash.__file__).parent, Path(__file__).resolve().pare
 #: module of the diagnosis -> the tests nearest to it, and those of its constants whose change they do not notice (of
 #: some only one change): a number for which somebody finds a test leaves the list
 MODULES = {
-    "engine/judge": ("engine/test_judge.py", "STRETCHES/2 LONG ORDER CLIPPED*2"),
-    "engine/readings": ("engine/test_readings.py", "NOISE_RATIO OPENING NUMERICAL COUNTED_SHARE/2 OFTEN/2 SETS_MAX"),
-    "engine/values": ("engine/test_values.py", "NORMAL95 ALONE LEAST_SEEN PASSES MOVED CHANGE WIDE POLISHED NEAR"),
+    "engine/horizons": (
+        "engine/test_horizons.py",
+        "STRETCHES/2 LONGER.0 LONGER.1 LONGER.2 FOLLOWS STEPS STEPS_LONGER ORDER CLIPPED*2",
+    ),
+    "engine/resampling": (
+        "engine/test_resampling.py",
+        "NOISE_RATIO OPENING NUMERICAL COUNTED_SHARE/2 OFTEN/2 SETS_MAX",
+    ),
+    "engine/intervals": (
+        "engine/test_intervals.py",
+        "NORMAL95 ALONE LEAST_SEEN PASSES MOVED CHANGE WIDE POLISHED NEAR PROFILE_STEPS",
+    ),
     "records": ("test_records.py", "PIECES*2 PIECE_SAMPLES_MIN RESTS REACH*2 PART_SAMPLES_MIN"),
-    "say/calibration": ("test_calibration.py", "BLIND_TOLERANCES TAKES_PART ALIKE_RATIO*2"),
-    "say/sentences": ("say/test_sentences.py", "NEAR_S.1 NEAR_S.2 NEAR_S.3 MOVES WORTH_SAYING"),
+    "explain/calibration": ("test_calibration.py", "BLIND_TOLERANCES TAKES_PART ALIKE_RATIO*2"),
+    "explain/sentences": ("explain/test_sentences.py", "NEAR_S.1 NEAR_S.2 NEAR_S.3 MOVES WORTH_SAYING"),
 }
 UNSEEN = pytest.mark.xfail(reason="no test near it notices", run=False)
 CHANGES = {"*2": lambda x: 2 * x, "/2": lambda x: type(x)(x / 2)}

@@ -61,7 +61,7 @@ def recorded(
 
 
 #: what every change is tried on beside the recordings of the quick proof, which hold a dead zone, a delay, cogging, a
-#: compliance and an offset, and tests/unit/face, which finds Coulomb friction; the rest is for the night
+#: compliance and an offset, and tests/unit/api, which finds Coulomb friction; the rest is for the night
 EVERY_CHANGE = {("gear.backlash", "large"), ("link_1.hysteresis", "large")}
 
 

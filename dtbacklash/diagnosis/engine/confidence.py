@@ -34,8 +34,8 @@ class Rival:
     keys : what stands there instead; none where nothing does. model : with it. lead : its score less that of the model
     with the name. t : view -> lead over it in standard errors. agree : share of the stretches, in all views.
     ratio : rms that it leaves at the long horizon, over that of the model. container : whether its law holds the
-    name's as a special case. beaten : whether the name leads it in every view.
-    ahead : whether it leads the name in one.
+    name's as a special case. beaten : whether the name leads it in every view, and it
+    costs more. ahead : whether it leads the name in one, and leaves less there by as much.
     """
 
     keys: tuple[Key, ...]
@@ -54,7 +54,7 @@ class Rival:
         return min(self.t.values())
 
     @property
-    def is_ahead(self) -> bool:
+    def leaves_less(self) -> bool:
         """Whether it leaves less than the name where the readings correct little."""
         return min(self.t[LONG], self.t[WHITE]) < 0.0
 
@@ -87,7 +87,8 @@ class ConfidenceTest:
     """Judges the model at which a search has ended.
 
     A name is ``sure`` if it leads every rival in every view, and ``one_of`` if those that it does not lead are laws or
-    tables of its place, or single laws of other places that fit alike; else ``partial``. All names are partial where
+    tables of its place, or single laws of other places that fit alike, or if another law of its place may be meant
+    (:attr:`JudgedModel.simpler`, :attr:`JudgedModel.adds`); else ``partial``. All names are partial where
     most of what was unknown before is left, and where a number of the rig does what a gain does, so that no size is
     known.
     """
@@ -140,7 +141,7 @@ class ConfidenceTest:
                 rival = self._rival(less, key, less) if less is not None else None
                 if rival is not None:
                     found[key] = rival
-            ahead = [key for key, rival in found.items() if rival.is_ahead]
+            ahead = [key for key, rival in found.items() if rival.leaves_less]
             if not ahead:
                 return found
             worst = min(ahead, key=lambda key: found[key].ratio)
@@ -177,16 +178,16 @@ class ConfidenceTest:
         if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
             strays = mine is not None and lead > self.rules.min_gain * self.segments.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
-            costs, falls = lead, dict.fromkeys(VIEWS, 0.0)
+            costs, ahead = lead, lead < -self.search.least
         else:
             t = {view: paired_t(other.views[view], mine.views[view]) for view in VIEWS}
             agree = float(np.mean([other.views[view] > mine.views[view] for view in VIEWS]))
             ratio = float(np.sqrt(other.views[LONG].sum() / mine.views[LONG].sum()))
             costs = other.cost - mine.cost
             falls = {v: self.segments.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
+            ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)
         # what earns no name tells none from another, either
         beaten = min(t.values()) > self.rules.min_t and costs > self.search.least
-        ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)
         return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:
@@ -204,11 +205,12 @@ class ConfidenceTest:
 def confidence_set(rivals: Sequence[Rival]) -> list[Rival]:
     """The rivals that a name does not lead: with it a model confidence set.
 
-    Hansen, Lunde and Nason, Econometrica 79 (2011) 453. Two names are no rival where one of them does it alone.
+    Hansen, Lunde and Nason, Econometrica 79 (2011) 453. Two names that lead nowhere are none where one of them does it
+    alone.
     """
     open_ = [rival for rival in rivals if not rival.beaten]
     alone = {rival.keys[0] for rival in open_ if len(rival.keys) == 1}
-    return [rival for rival in open_ if len(rival.keys) < 2 or alone.isdisjoint(rival.keys)]
+    return [rival for rival in open_ if len(rival.keys) < 2 or rival.ahead or alone.isdisjoint(rival.keys)]
 
 
 def _certainty(key: Key, rivals: Sequence[Rival], doubted: bool) -> Confidence:

@@ -138,7 +138,7 @@ class Horizons:
         return np.concatenate(parts)
 
     def _sums(self, rows: Floats) -> Floats:
-        """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter: it counts in the score."""
+        """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter: it counts in the cost."""
         each = np.concatenate([(e**2).sum(axis=1) for e in self._split(rows)])
         return np.array([part.sum() for part in np.array_split(each, STRETCHES)]) + 1e-12
 

@@ -5,7 +5,7 @@ and White over stretches of time is taken where it is wider. The catalogue adds 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ from scipy import special
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.fit import LADDER, STEP_MAX, FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion
-from dtbacklash.diagnosis.engine.parameters import Errors, FreeParameter, Key, apply
+from dtbacklash.diagnosis.engine.parameters import Errors, FreeParameter, Key, apply, unit_of
 from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.parallel import spread
@@ -25,6 +25,8 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import VALUES
 
+#: what people call a parameter, of all recordings or of one
+Label = Callable[[str, int | None], str]
 #: standard errors to each side of a 95 % interval
 NORMAL95 = 1.96
 #: stretches over which the score's scatter is taken
@@ -99,7 +101,7 @@ def polished(segments: Segments, motion: Motion, model: FittedModel) -> tuple[Fi
     """A model after steps by precise differences, its sizes and priors as they are, while it is likelier; its values.
 
     A fit ends where a step by rough differences brings little: in directions that are hardly seen, standard errors off.
-    segments : in fine steps (:attr:`.Bench.fine`) where intervals count. Rough times of sticking and slipping make
+    segments : in fine steps (:attr:`.Segments.fine`) where intervals count. Rough times of sticking and slipping make
     innovations jump: noise in their differences, by which a direction that changes nothing seems to be seen.
     """
     problem = _problem(segments, motion, model, model.stiff)
@@ -137,41 +139,79 @@ def _over_horizons(segments: Segments, motion: Motion, model: FittedModel, found
     return replace(found, covariance=covariance, errors=_errors(model, found.free, found.x, covariance))
 
 
-def profile(segments: Segments, motion: Motion, model: FittedModel, found: Values, title: str) -> Profile:
-    """The profile likelihood of one parameter of a model, at the model's noise levels.
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """The profile likelihoods of a model's parameters, each computed where it is asked for.
 
-    Venzon and Moolgavkar, Appl. Statist. 37 (1988) 87. found : the model's values. title : as of
-    :attr:`.FreeParameter.title`.
-
-    Raises
-    ------
-    UserError : the model has no such free parameter, or is not finite beside its value.
+    found : the values of the model on these segments. titles : as people read them -> :attr:`.FreeParameter.title`.
+    units : the same -> unit, SI.
     """
-    titles = [f.title for f in found.free]
-    if title not in titles:
-        raise UserError("profile", title, f"choose one of {', '.join(titles)}")
-    j = titles.index(title)
-    f, variance = found.free[j], float(found.covariance[j, j])
-    steps = PROFILE_REACH * math.sqrt(variance) * np.linspace(-1.0, 1.0, 2 * PROFILE_POINTS + 1)
-    along = found.covariance[:, j] / variance  # how the others move with it, to first order
-    known = {f.value(float(found.x[j]) + step): step for step in steps.tolist()}  # ends of its range come once
-    costs = [_pinned(segments, motion, model, found.x + step * along, f) for step in known.values()]
-    if not np.isfinite(costs).all():
-        raise UserError("profile", title, "a parameter beside whose value the rig can be simulated")
-    values_, order = np.array(list(known)), np.argsort(list(known))
-    rises = np.array(costs) - min(costs)
-    return Profile(title, values_[order], rises[order], found.errors[f.place, f.effect, f.label])
+
+    segments: Segments
+    motion: Motion
+    model: FittedModel
+    found: Values
+    titles: Mapping[str, str]
+    units: Mapping[str, str]
+
+    def __call__(self, title: str) -> Profile:
+        """The likelihood along one parameter, all others fitted anew at each value, at the model's noise levels.
+
+        Venzon and Moolgavkar, Appl. Statist. 37 (1988) 87.
+
+        Raises
+        ------
+        UserError : there is no such parameter, the recording says nothing of it, or the rig is not finite beside it.
+        """
+        if title not in self.titles:
+            raise UserError("profile", title, f"choose one of {', '.join(self.titles)}")
+        j = next(k for k, f in enumerate(self.found.free) if f.title == self.titles[title])
+        f, variance = self.found.free[j], float(self.found.covariance[j, j])
+        if not 0.0 < variance < math.inf:
+            raise UserError("profile", title, "a parameter that the recording shows")
+        steps = PROFILE_REACH * math.sqrt(variance) * np.linspace(-1.0, 1.0, 2 * PROFILE_POINTS + 1)
+        along = self.found.covariance[:, j] / variance  # how the others move with it, to first order
+        costs = {}
+        for step in steps.tolist():
+            x = self.found.x + step * along
+            value = f.centre + f.scale * float(x[j]) if f.role is Role.ANGLE else f.value(float(x[j]))
+            if f.role is Role.ANGLE or f.low < value < f.high or not step:
+                costs[value] = self._pinned(x, f)
+        kept = {value: cost for value, cost in sorted(costs.items()) if math.isfinite(cost)}
+        if len(kept) < PROFILE_POINTS:
+            raise UserError("profile", title, "a parameter beside whose value the rig can be simulated")
+        rises = np.array(list(kept.values())) - min(kept.values())
+        error = self.found.errors[f.place, f.effect, f.label]
+        return Profile(title, np.array(list(kept)), rises, f.value(float(self.found.x[j])), error)
+
+    def _pinned(self, x: Floats, pinned: FreeParameter) -> float:
+        """-2 log likelihood with priors, one parameter as in x, and all others fitted anew from there."""
+        model = self.model
+        at = np.array([xi for f, xi in zip(self.found.free, x, strict=True) if f.title == pinned.title])
+        try:
+            moved = replace(model, rig=apply(model.rig, [pinned], at))
+            problem = _problem(self.segments, self.motion, moved, 1.0)
+            titles = [f.title for f in problem.free]
+            if titles != [f.title for f in self.found.free]:
+                return math.inf  # the effect is nothing there
+            j = titles.index(pinned.title)
+            problem.hold(j)
+            _, squares = problem.gauss_newton(model.sizes, np.delete(x, j), PROFILE_STEPS)
+            logs = sum(g.logs for g in self.segments.gains(problem.base, model.sizes))
+        except (UserError, np.linalg.LinAlgError):
+            return math.inf
+        return squares + logs + (float(at[0]) ** 2 if pinned.prior else 0.0)
 
 
-def _pinned(segments: Segments, motion: Motion, model: FittedModel, x: Floats, pinned: FreeParameter) -> float:
-    """-2 log likelihood with priors, one parameter as in x, and all others fitted anew from there."""
-    j = next(k for k, f in enumerate(_problem(segments, motion, model, 1.0).free) if f.title == pinned.title)
-    moved = replace(model, rig=apply(model.rig, [pinned], x[j : j + 1]))
-    problem = _problem(segments, motion, moved, 1.0)
-    problem.hold(j)
-    _, squares = problem.gauss_newton(model.sizes, np.delete(x, j), PROFILE_STEPS)
-    logs = sum(g.logs for g in segments.gains(problem.base, model.sizes))
-    return squares + logs + (float(x[j]) ** 2 if pinned.prior else 0.0)
+def profiles(segments: Segments, motion: Motion, model: FittedModel, found: Values, label: Label) -> Profiles:
+    """The profiles of what is free in a model, but the values of tables.
+
+    label : (title without a recording, its number or None) -> the title as people read it.
+    """
+    free = [f for f in found.free if f.name not in VALUES]
+    titles = {label(f.shared_title, f.recording): f.title for f in free}
+    units = {label(f.shared_title, f.recording): unit_of(segments.nominal, f) for f in free}
+    return Profiles(segments, motion, model, found, titles, units)
 
 
 def _problem(segments: Segments, motion: Motion, model: FittedModel, stiff: float) -> FitProblem:

@@ -83,7 +83,7 @@ def named_apart(
 ) -> list[tuple[float, str, Rig, tuple[Key, ...]]]:
     """Gain, title, rig with a new name whose size is each recording's own, and all its names, best first.
 
-    differing : :meth:`.Columns.differing` of the model.
+    differing : :meth:`.CandidateSensitivities.differing` of the model.
     """
     found = []
     for gain, h, sizes in differing:

@@ -53,7 +53,7 @@ class StepwiseSelection:
 
     nothing : the recalibrated rig. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
-    tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
+    tried : names -> the least score that an exact fit with them had. likely : what :meth:`preview` shows first.
     most : so many names are looked for. begin : a gain that is so far off that the search begins with it.
     differences : titles of what is free in each recording as the search found it to differ.
     apart : what names with a size in each recording would explain beside the model that was last proposed to.

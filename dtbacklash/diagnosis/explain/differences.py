@@ -35,10 +35,10 @@ def changes(c: Conclusion) -> tuple[Changed, ...] | None:
 def _changed(c: Conclusion, change: Change, more: float, error: float) -> Changed:
     """more, error : its difference."""
     before, after = c.in_each[change.title]
-    unit, lead = _unit(c, change.title), c.search.rules.min_t
-    others = tuple(title for title, (t, _) in change.rivals.items() if not t > lead)
-    clear = abs(more) > lead * error and c.left < c.search.rules.max_unexplained
-    alike = all(t > -lead for t, _ in change.rivals.values())
+    unit, min_t = _unit(c, change.title), c.search.rules.min_t
+    others = tuple(title for title, (t, _) in change.rivals.items() if not t > min_t)
+    clear = abs(more) > min_t * error and c.left < c.search.rules.max_unexplained
+    alike = all(t > -min_t for t, _ in change.rivals.values())
     mark: Confidence = "partial" if not clear or (others and not alike) else "one_of" if others else "sure"
     first, second = (
         ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))

@@ -124,10 +124,11 @@ def also_fits(c: Conclusion, key: Key) -> tuple[Alternative, ...]:
 def evidence(c: Conclusion, key: Key) -> Evidence:
     """What a name rests on: rivals elsewhere, rivals and tables at its place, and the rig without it."""
     rivals = c.judged.rivals.get(key, ())
+    left = confidence_set(rivals)
     elsewhere = [r for r in rivals if r.keys and any(k[0] != key[0] for k in r.keys)]
     here = [r for r in rivals if r.keys and all(k[0] == key[0] for k in r.keys)]
     without = [r for r in rivals if not r.keys]
-    law = _ground(here)
+    law = _ground(here, left)
     share = c.judged.adds.get(key)
     enough = share is None or share < c.search.rules.tie_ratio
     law = Ground(
@@ -138,19 +139,19 @@ def evidence(c: Conclusion, key: Key) -> Evidence:
         law.against,
         None if share is None else 1.0 - min(share, 1.0),
     )
-    size = _ground(without)
+    size = _ground(without, left)
     size = replace(size, recordings=tuple(c.predicted.get(key, ())))
-    return Evidence(_ground(elsewhere), law, size)
+    return Evidence(_ground(elsewhere, left), law, size)
 
 
-def _ground(rivals: list[Rival]) -> Ground:
-    """A lead over the closest of some rivals."""
+def _ground(rivals: list[Rival], left: list[Rival]) -> Ground:
+    """A lead over the closest of some rivals. left : those that are not beaten."""
     if not rivals:
         return Ground(True)
     close = min(rivals, key=lambda r: r.least)
     against = Alternative(*close.keys[0]) if close.keys else None
     ratio = close.ratio if math.isfinite(close.ratio) else None
-    return Ground(all(r.beaten for r in rivals), ratio, close.least, close.agree, against)
+    return Ground(not any(r is other for r in rivals for other in left), ratio, close.least, close.agree, against)
 
 
 def _instead(c: Conclusion, key: Key) -> Instead | None:

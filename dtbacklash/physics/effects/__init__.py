@@ -1,1 +1,1 @@
-"""Effects: each is whole in one declaration, with its compiled law, its slot, its starts and its sentence."""
+"""Effects: each is whole in one declaration, with its law, its slot, its starts and its sentence."""

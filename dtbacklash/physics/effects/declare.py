@@ -181,7 +181,7 @@ class Effect:
     kind : the kind of element where it acts, see :mod:`dtbacklash.physics.element_kinds`.
     parameters : the first is its size and has a neutral value.
     law : the formula as text.
-    slot : where it acts, with its compiled laws.
+    slot : where it acts, with its laws.
     source : of the formula.
     sentence : what a report says; ``{location}`` and the parameters' names are filled in.
     conceal : how large it may be where it is concealed. draws : the other parameters of a concealed one.

@@ -1,6 +1,6 @@
 """Slots: the places of the equations of motion where an effect may act, and what its law sees and gives there.
 
-A slot that holds laws names the states that they may ask for. A law is one small compiled function; those of its
+A slot that holds laws names the states that they may ask for. A law is one small function; those of its
 arguments that bear a state's name are given that state, the others are the effect's parameters (by name, ``size``
 for the first, where all of them are such names, else all parameters in their order); ``row`` is all parameters in
 their order, as one array. A slot without a law names the parameter that the linear plant, a delay or the gear takes.
@@ -345,7 +345,7 @@ class Reading(Slot):
     on: ClassVar = (SENSOR,)
 
     def laws(self) -> dict[str, Law]:
-        """The compiled one."""
+        """The one that it has."""
         return {"law": self.law}
 
 

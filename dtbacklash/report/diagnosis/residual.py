@@ -16,6 +16,8 @@ from dtbacklash.report.diagnosis.figures import EXTENDED, NOISE, NOMINAL, _broke
 
 #: lags of the autocorrelation; samples of a segment of the spectrum; 95 % of a normal distribution
 LAGS, SEGMENT, NORMAL95 = 100, 1024, 1.96
+#: values of a profile that span more than this ratio are drawn over a logarithm
+WIDE = 10.0
 
 
 @styled
@@ -59,17 +61,18 @@ def profile_figure(found: Profile, unit: str, nominal: float | None = None) -> F
     unit : of the values, SI. nominal : the value that the rig gives, if it is near.
     """
     factor, shown = scaled(unit, float(np.abs(found.values).max()))
-    best = float(found.values[np.argmin(found.rises)])
     figure = new_figure(3.9)
     ax = figure.subplots()
     fine = np.linspace(found.values[0], found.values[-1], 200)
     with np.errstate(divide="ignore", invalid="ignore"):
-        parabola = ((fine - best) / found.error) ** 2
+        parabola = ((fine - found.fitted) / found.error) ** 2
     ax.plot(fine / factor, parabola, color=MUTED, lw=1.2, ls=(0, (4, 2)), label="of the standard error")
     ax.plot(found.values / factor, found.rises, "o-", color=EXTENDED, lw=2.0, ms=4.5, label="all others fitted anew")
     ax.axhline(NORMAL95**2, color=INK, lw=0.7, label="ends of a 95 % interval")
     if nominal is not None and found.values[0] <= nominal <= found.values[-1]:
         ax.axvline(nominal / factor, color=NOMINAL, lw=1.2, ls=(0, (1, 1.5)), label="nominal")
+    if found.values[0] > 0.0 and found.values[-1] > WIDE * found.values[0]:
+        ax.set_xscale("log")
     ax.set_ylim(0.0, 1.1 * max(float(found.rises.max()), NORMAL95**2))
     ax.set_xlabel(f"{found.title} [{unit_in_signs(shown)}]")
     ax.set_ylabel("rise of $-2 \\log$ likelihood")

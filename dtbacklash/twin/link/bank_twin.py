@@ -34,7 +34,7 @@ class BankTwin:
         self._twin = self.belief, self.twin_for(self.belief)
 
     def warm_up(self) -> None:
-        """Load (the first time: compile) what an answer needs."""
+        """Load what an answer needs."""
         self._twin[1].warm_up()
         from dtbacklash.twin.bank.bank import warm_up
 

@@ -1,6 +1,7 @@
 """What a notebook shows of results, rigs and recordings: a line, a small table, a figure."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import diagnosed
 import numpy as np
@@ -63,12 +64,11 @@ def test_the_residual_is_drawn_with_its_autocorrelation_and_spectrum(found):
 
 
 def test_the_profile_of_a_fitted_parameter_is_drawn_with_the_parabola_of_its_error(found):
-    def profile(title):
-        values = np.linspace(0.018, 0.022, 11)
-        return Profile(title, values, ((values - 0.02) / 5e-4) ** 2, 5e-4)
-
-    title = "motor_bearing.coulomb_friction.torque"
-    figure = Found(replace(found.diagnosis, profile=profile)).plot(f"profile {title}")
+    title, values = "motor_bearing.coulomb_friction.torque", np.linspace(0.018, 0.022, 11)
+    profiles = Mock(
+        units={title: "N m"}, return_value=Profile(title, values, ((values - 0.02) / 5e-4) ** 2, 0.02, 5e-4)
+    )
+    figure = Found(replace(found.diagnosis, profiles=profiles)).plot(f"profile {title}")
     (ax,) = figure.axes
     parabola, drawn = (line.get_xydata() for line in ax.lines[:2])
     assert ax.get_xlabel() == f"{title} [mN m]"

@@ -67,7 +67,7 @@ def test_what_is_held_out_is_not_fitted_to(rig):
     last = np.arange(given.samples) >= (1.0 - HELD_OUT) * given.samples + 5
     astray = replace(given, y={**given.y, "q3": given.y["q3"] + 1e-3 * last})
     oracles = [Oracle(rig, record) for record in (given, astray)]
-    assert np.array_equal(*(o.bench.predictors[0].readings.y for o in oracles))
+    assert np.array_equal(*(o.segments.predictors[0].readings.y for o in oracles))
     model = oracles[0].fit(rig, ())
     errors = [o.held_out(model.rig, model.sizes) for o in oracles]
     assert errors[0] < 1.2 < errors[1]

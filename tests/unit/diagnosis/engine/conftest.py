@@ -39,7 +39,7 @@ def predictor_of(rig: Rig, u: np.ndarray, y: dict, every: int = 1, step_s: float
 
 
 def segments_of(rig: Rig, u: np.ndarray, y: dict) -> Segments:
-    """A bench of one stretch."""
+    """Segments of one stretch."""
     return Segments(rig, (predictor_of(rig, u, y),))
 
 

@@ -163,12 +163,14 @@ def trial(parameters: int, score: float, at_end: bool = False) -> Trial:
     ([(3, 0.0, True), (2, 1.0)], 1),  # a value that the data did not choose
 ])  # fmt: skip
 def test_the_simplest_formula_that_is_tied_takes_the_tables_place(scores, chosen):
-    search = SimpleNamespace(segments=SimpleNamespace(count=10_000), rules=SimpleNamespace(alike=0.1, worth=0.02))
+    search = SimpleNamespace(
+        segments=SimpleNamespace(count=10_000), rules=SimpleNamespace(tie_ratio=0.1, min_gain=0.02)
+    )
     assert margin(search) == pytest.approx(20.0)
     trials = [trial(*one) for one in scores]
     assert _chosen(search, SimpleNamespace(score=0.0), trials) is (None if chosen is None else trials[chosen])
 
 
 def test_on_a_short_recording_two_parameters_are_a_tie():
-    search = SimpleNamespace(segments=SimpleNamespace(count=1000), rules=SimpleNamespace(alike=0.1, worth=0.02))
+    search = SimpleNamespace(segments=SimpleNamespace(count=1000), rules=SimpleNamespace(tie_ratio=0.1, min_gain=0.02))
     assert margin(search) == pytest.approx(2.0 * np.log(1000))

@@ -36,11 +36,11 @@ def test_the_long_horizon_is_as_long_as_the_model_follows(torque):
     motion = motion_of(segments, rig, segments.gains(rig, sizes))
     model = FitProblem(segments, rig, keys, motion).homotopy_fit(sizes, None, (1.0,))
     found = Horizons(segments, motion, model)
-    assert set(found.reference) == set(VIEWS)
-    assert found.reference[LONG].sum() <= FOLLOWS * found.reference[SHORT].sum() * (1.0 + 1e-9)
+    assert set(found.reference.views) == set(VIEWS)
+    assert found.reference.views[LONG].sum() <= FOLLOWS * found.reference.views[SHORT].sum() * (1.0 + 1e-9)
     assert found.shares == LONGER[: len(found.shares)]
     again = found.squares(model)
-    assert all(np.allclose(again[view], found.reference[view], rtol=1e-3) for view in VIEWS)
+    assert all(np.allclose(again.views[view], found.reference.views[view], rtol=1e-3) for view in VIEWS)
 
 
 def test_differences_are_counted_in_standard_errors():

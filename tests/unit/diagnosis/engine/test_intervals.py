@@ -16,7 +16,7 @@ from dtbacklash.diagnosis.engine.intervals import (
     covariance_of,
     inverse,
     polished,
-    profile,
+    profiles,
     stretches,
     values,
 )
@@ -34,7 +34,7 @@ COEFFICIENT = 1.5
 
 
 def fitted(segments: Segments, rig, keys) -> tuple[Motion, FittedModel, Values]:
-    """The motion of a rig on a bench, its fit there with priors as they are given, and its values."""
+    """The motion of a rig on segments, its fit there with priors as they are given, and its values."""
     sizes, _ = segments.tuned(rig)
     motion = motion_of(segments, rig, segments.gains(rig, sizes))
     found = FitProblem(segments, rig, keys, motion, 1.0).homotopy_fit(sizes, None, (1.0, 1.0), 6)
@@ -116,8 +116,10 @@ def test_a_profile_of_a_linear_case_is_the_parabola_of_its_error():
     rig, u = nominal_rig("oscillator"), command(4.0, 1.0)
     segments = segments_of(rig, u, recorded(rig.with_effect(*DAMPED, {"coefficient": COEFFICIENT}), u))
     motion, model, found = fitted(segments, rig.with_effect(*DAMPED, {"coefficient": 1.0}), [DAMPED])
+    likelihood = profiles(segments, motion, model, found, lambda title, recording: title)
+    assert likelihood.units == {"m": "kg", "k": "N/m", "c": "N s/m", "mass.viscous_friction.coefficient": "N s/m"}
     for title in ("m", "c"):  # the friction can stand for the latter: its prior alone holds it
-        seen = profile(segments, motion, model, found, title)
+        seen = likelihood(title)
         assert seen.values.shape == seen.rises.shape == (2 * PROFILE_POINTS + 1,)
         j = next(k for k, f in enumerate(found.free) if f.title == title)
         curvature = np.linalg.inv(found.jacobian.T @ found.jacobian)[j, j]
@@ -125,12 +127,18 @@ def test_a_profile_of_a_linear_case_is_the_parabola_of_its_error():
         parabola = np.linspace(-reach, reach, len(seen.values)) ** 2
         assert seen.rises == pytest.approx(parabola, rel=0.1, abs=0.1), title
         assert (found.jacobian[:, j] ** 2).sum() * curvature > 1.5  # how much steeper the others held would make it
-    skew = profile(segments, motion, model, found, "mass.viscous_friction.coefficient").rises
+    skew = likelihood("mass.viscous_friction.coefficient").rises
     assert (
         skew[-1] > 3.0 * skew[0] > 9.0
     )  # c takes up all of a small friction; for a large one it would have to be below 0
     with pytest.raises(UserError, match="choose one of m, "):
-        profile(segments, motion, model, found, "mass.coulomb_friction.force")
+        likelihood("mass.coulomb_friction.force")
+    stiff = replace(found, free=tuple(replace(f, high=f.value(0.0)) if f.name == "m" else f for f in found.free))
+    half = replace(likelihood, found=stiff)("m")  # nothing beyond the end of its range
+    assert len(half.values) < 2 * PROFILE_POINTS + 1
+    unseen = replace(found, covariance=0.0 * found.covariance)
+    with pytest.raises(UserError, match="that the recording shows"):
+        replace(likelihood, found=unseen)("m")
 
 
 @pytest.mark.parametrize(("k3", "wider"), [(0.0, (1.0, 1.1)), (2e5, (1.3, 3.0))])
