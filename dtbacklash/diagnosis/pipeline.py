@@ -16,7 +16,7 @@ from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, without_nam
 from dtbacklash.diagnosis.engine.formula_fit import modelled
 from dtbacklash.diagnosis.engine.intervals import Values, polished, profiles
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
-from dtbacklash.diagnosis.engine.parameters import with_errors, with_priors
+from dtbacklash.diagnosis.engine.parameters import tolerances_away, with_errors, with_priors
 from dtbacklash.diagnosis.engine.per_recording import in_each
 from dtbacklash.diagnosis.engine.resampling import rate_of
 from dtbacklash.diagnosis.engine.scale_errors import ScaleError, begin
@@ -325,7 +325,8 @@ class _Course:
         A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
         """
         segments, motion, last = search.segments, search.motion, model
-        if max(self.every) > 1 and model.keys:
+        far = tolerances_away(segments.nominal, model.rig).values()
+        if max(self.every) > 1 and (model.keys or max(far, default=0.0) > search.rules.min_shift):
             full = replace(self._segments(self.records, [1] * len(self.every)), nominal=segments.nominal)
             sizes, _ = full.tuned(model.rig)
             if full.refine(model.rig, sizes, search.rules.min_gain * search.segments.count):

@@ -34,6 +34,22 @@ def test_a_wrong_parameter_is_not_physics(rig):
 
 
 @pytest.mark.check
+def test_a_parameter_is_recalibrated_at_the_full_rate():
+    """Means of samples stand for a command that bends between them: off by millionths, more than this noise allows."""
+    rig, t = nominal_rig("oscillator"), np.arange(16_000) * 1e-3
+    u = 2.0 * np.sin(2.0 * np.pi * (1.0 + 0.3 * t) * t)
+    y = simulate(rig.with_parameters({"m": 1.2647}), u, 1e-3).sensors
+    noisy = {"x": y["x"] + 4e-7 * np.random.default_rng(3).standard_normal(len(y["x"]))}
+    train = np.arange(len(noisy["x"])) < 0.8 * len(noisy["x"])
+    found = diagnose_records(rig, [Record(1e-3, np.append(u, u[-1]), noisy, train, ~train)], depth="none")
+    assert found.work is not None
+    assert found.work.every > 1
+    low, high = found.recalibrated["m"].ci95
+    assert low < 1.2647 < high
+    assert high - low < 2e-5
+
+
+@pytest.mark.check
 def test_a_parameter_that_a_missing_friction_hides_is_recalibrated_all_the_same():
     """Without the friction no stiffness explains the recording: what had to move shows beside the name."""
     rig, u = nominal_rig("oscillator"), command(8.0, 1)[::5]
