@@ -150,7 +150,7 @@ def test_what_cannot_be_judged_where_it_was_stopped_ends_it_in_a_line(rig, monke
         search.now = replace(search.now, sizes=search.now.sizes[:0])  # as between two changes of a search
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline.Search, "run", interrupted)
+    monkeypatch.setattr(pipeline.StepwiseSelection, "run", interrupted)
     with pytest.raises(KeyboardInterrupt, match="nothing was known yet"):
         diagnose_records(rig, [recorded(rig, seconds=4.0)], keep=True)
 

@@ -114,7 +114,7 @@ def test_one_way_tells_no_friction_from_a_load(tmp_path):
     named = {f.effect: f for f in found.findings}
     assert named.pop("viscous_friction").confidence == "sure"
     (other,) = named.values()
-    assert other.confidence == "partial"
+    assert other.confidence == "one_of"
     assert {"coulomb_friction", "constant_load"} <= {other.effect, *(a.effect for a in other.also_fits)}
     assert abs(next(iter(other.parameters.values())).value) == pytest.approx(0.0312, rel=0.01)
 

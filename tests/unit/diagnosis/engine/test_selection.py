@@ -137,13 +137,13 @@ def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
     segments = Segments(rig, tuple(predictor_of(rig, u, recorded(true, u, noise)) for u, noise in parts))
     search = StepwiseSelection(segments)
     asked = []
-    columns = searching.Columns
+    columns = searching.CandidateSensitivities
 
     def spy(segments: Segments, model: FittedModel, sizes, *rest, **named):
         asked.append((segments, sizes))
         return columns(segments, model, sizes, *rest, **named)
 
-    monkeypatch.setattr(searching, "Columns", spy)
+    monkeypatch.setattr(searching, "CandidateSensitivities", spy)
     search.proposals(search.nothing)
     search.proposals(search.nothing, quick=True)
     quick = [sizes for seen, sizes in asked if seen is search.quick]
