@@ -95,7 +95,7 @@ def test_what_is_done_is_not_done_again_and_a_missing_or_broken_file_is(plan):
 
 def test_other_code_diagnoses_again(plan, monkeypatch):
     course(plan)
-    monkeypatch.setattr(work.sources, "digest", lambda parts: "other")
+    monkeypatch.setattr(work.source_hash, "digest", lambda parts: "other")
     run.diagnose_missing(plan, run.given_cases(plan), ALONE, silent, diagnose)
     assert asked(plan) == [2] * N
 
@@ -163,13 +163,13 @@ def test_a_case_that_names_no_rig_takes_the_chosen_one(plan):
 
 def test_one_score_holds_results_of_one_state_of_the_package(plan, monkeypatch):
     cases = run.given_cases(plan)
-    digest = work.sources.digest
+    digest = work.source_hash.digest
 
     def changing(folder, rig_name):
-        monkeypatch.setattr(work.sources, "digest", digest)
+        monkeypatch.setattr(work.source_hash, "digest", digest)
         return diagnose(folder, rig_name)
 
-    monkeypatch.setattr(work.sources, "digest", lambda parts: "before")
+    monkeypatch.setattr(work.source_hash, "digest", lambda parts: "before")
     with pytest.raises(UserError, match="the package changed while 1 cases were worked on"):
         run.diagnose_missing(plan, cases, ALONE, silent, changing)
 

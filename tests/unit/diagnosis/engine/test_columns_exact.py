@@ -108,7 +108,7 @@ def test_a_gain_that_columns_promise_is_one_that_comes(name):
     (best,) = (p for p in CandidateSensitivities(segments, model, model.sizes).ranked if p.keys == (case.key,))
     problem = FitProblem(segments, best.put(rig), (case.key,), motion)
     nothing = FitProblem(segments, model.rig, (), motion)
-    rows = nothing.rows(nothing.start(), segments.gains(model.rig, model.sizes))
+    rows = nothing.residuals(nothing.start(), segments.gains(model.rig, model.sizes))
     _, squares = problem.gauss_newton(model.sizes, problem.start(), 6)
     fall = float(rows @ rows) - squares - np.log(segments.count) * best.parts[0][0].counts
     assert best.gain == pytest.approx(fall, rel=0.25)

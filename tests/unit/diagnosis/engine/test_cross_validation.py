@@ -66,7 +66,7 @@ def test_the_rig_of_the_others_is_what_a_fit_to_them_gives():
     masses, none = {0: 1.2, 1: 1.2, 2: 1.21}, dict.fromkeys(range(3), 0.0)
     segments, (motion, alike) = segments_of(masses, none), fitted(segments_of(dict.fromkeys(masses, 1.2), none))
     whole = FitProblem(segments, alike.rig, (), motion, 1.0)
-    model = whole.model(whole.solve(alike.sizes, whole.start(), 6)[0], alike.sizes, 0.0)
+    model = whole.model(whole.gauss_newton(alike.sizes, whole.start(), 6)[0], alike.sizes, 0.0)
     rigs = left_out(segments, motion, model)
     for k in masses:
         others = replace(segments, predictors=tuple(p for p in segments.predictors if p.readings.recording != k))
