@@ -51,6 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(str(error), error.exit_code)
     except KeyboardInterrupt as interrupt:
         print(f"dtb: interrupted{interrupt}", file=sys.stderr)
+        exec("")  # else Python kills itself by SIGINT at its end, if what was interrupted was run from a text
         return 130
     except BrokenPipeError:
         # the reader of our output (head, less) has gone: not an error, but nothing more can be printed
