@@ -50,6 +50,7 @@ def test_all_numbers_but_two_are_seen_to_decide():
     assert {one.name for one in fields(SETTINGS)} == set(MOVED) | {"min_effect", "tie_ratio"}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", list(MOVED))
 def test_each_number_that_decides_is_seen_to(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Changed, it changes what is said of a golden recording."""

@@ -78,7 +78,10 @@ def stage_log(level: float, load: float, table: float = 2.5, parts: int = 40) ->
     return pd.DataFrame(rows, columns=["t", "u", "x_c", "x_t"])
 
 
-@pytest.mark.parametrize(("version", "level", "load"), [(2, 6.0, 0.0), (3, 0.0, 4.0), (3, 0.0, 0.0), (0, 6.0, 0.0)])
+@pytest.mark.parametrize(("version", "level", "load"), [
+    pytest.param(2, 6.0, 0.0, marks=pytest.mark.nightly), (3, 0.0, 4.0),
+    pytest.param(3, 0.0, 0.0, marks=pytest.mark.nightly), (0, 6.0, 0.0),
+])  # fmt: skip
 def test_an_fmu_is_diagnosed_as_the_rig_that_it_was_made_from(tmp_path, monkeypatch, capsys, version, level, load):
     pytest.importorskip("fmpy")
     monkeypatch.chdir(tmp_path)
@@ -184,6 +187,7 @@ def test_an_fmu_of_the_same_arm_names_the_same_cause(tmp_path, monkeypatch):
     assert found.recalibrated["m2"].value == pytest.approx(1.03 * 0.8, rel=0.01)
 
 
+@pytest.mark.nightly
 def test_several_recordings_of_one_model_name_the_same_cause(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
