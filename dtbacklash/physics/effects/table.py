@@ -121,6 +121,12 @@ def weights(states: Floats, knots: Floats) -> Floats:
     return np.array([[function(float(s), [*unit, *knots]) for unit in np.eye(KNOTS)] for s in states])
 
 
+def table_values(knots: Floats, efforts: Floats, bend: float) -> Values:
+    """The parameters of a table: (KNOTS,) efforts at (KNOTS,) states, and how far it may bend."""
+    pairs = [*zip(VALUES, efforts, strict=True), *zip(STATES, knots, strict=True)]
+    return {**{name: float(value) for name, value in pairs}, "bend": bend}
+
+
 def table_of(values: Values) -> tuple[Floats, Floats]:
     """(KNOTS,) states and (KNOTS,) efforts of a table."""
     return np.array([values[name] for name in STATES]), np.array([values[name] for name in VALUES])

@@ -8,7 +8,7 @@ from told import refused
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.effects.table import STATES, VALUES
+from dtbacklash.physics.effects.table import table_values
 from dtbacklash.physics.extrapolation import beyond
 from dtbacklash.physics.simulate import simulate
 
@@ -19,11 +19,6 @@ DRAG = {"acts_on": ["rotor", "mass"], "law": "-drag*abs(v)*v", "parameters": {"d
 def drag(as_before):
     catalogue.declare({"covered_drag": DRAG | {"covers": {"v": [-0.5, 3.0]}}}, "rig.laws")
     return "covered_drag"
-
-
-def table_values(knots, efforts, bend):
-    pairs = [*zip(VALUES, efforts, strict=True), *zip(STATES, knots, strict=True)]
-    return {**{name: float(value) for name, value in pairs}, "bend": bend}
 
 
 def test_a_law_of_ones_own_says_how_far_and_how_long(drag):
