@@ -6,6 +6,7 @@ codes below 0, in this process.
 
 from __future__ import annotations
 
+from functools import cache
 from threading import Lock
 from typing import Any
 
@@ -18,8 +19,6 @@ Call = tuple[Law, tuple[str | int, ...]]
 #: kind, name and declaration of an effect
 Name = tuple[str, str, Any]
 
-#: (kind, effect) -> the code of its laws in the functions of its slot, for what comes with the package
-CODES: dict[tuple[str, str], int] = {}
 #: what others have registered and a rig has used; the code of the first is -1, that of the second -2
 OTHERS: list[Effect] = []
 _adding = Lock()
@@ -40,14 +39,23 @@ def calls_of(effect: Effect) -> dict[str, Call]:
 
 
 def listed(slot: type[Slot]) -> list[dict[str, Call]]:
-    """The different laws in a slot, by code."""
-    found = [calls_of(PLAIN)] if slot is slots.Contact else []
+    """The different laws of the package in a slot, by code."""
+    found = [calls_of(catalogue.SHIPPED["rotor", "coulomb_friction"])] if slot is slots.Contact else []
     for effect in catalogue.SHIPPED.values():
-        if isinstance(effect.slot, slot):
-            calls = calls_of(effect)
-            if calls not in found:
-                found.append(calls)
-            CODES[effect.kind, effect.name] = found.index(calls)
+        if isinstance(effect.slot, slot) and (calls := calls_of(effect)) not in found:
+            found.append(calls)
+    return found
+
+
+@cache
+def _codes() -> dict[tuple[str, str], int]:
+    """(kind, effect) -> the code of its laws in their slot, for what comes with the package."""
+    found = {}
+    for slot in Slot.__subclasses__():  # kinds of these share their laws
+        laws = listed(slot)
+        for effect in catalogue.SHIPPED.values():
+            if isinstance(effect.slot, slot):
+                found[effect.kind, effect.name] = laws.index(calls_of(effect))
     return found
 
 
@@ -55,7 +63,7 @@ def code_of(effect: Effect) -> int:
     """What stands for the laws of an effect in a plant: below 0 for those of others, in this process."""
     key = effect.kind, effect.name
     if catalogue.SHIPPED.get(key) is effect:
-        return CODES[key]
+        return _codes()[key]
     with _adding:
         for place, other in enumerate(OTHERS):
             if other is effect:
@@ -81,9 +89,3 @@ def code_named(name: Name) -> int:
     if declared is not None:
         catalogue.declare({effect: declared}, "rig.laws")
     return code_of(catalogue.find(kind, effect, "rig.effects"))
-
-
-PLAIN = catalogue.SHIPPED["rotor", "coulomb_friction"]
-for _slot in vars(slots).values():
-    if isinstance(_slot, type) and issubclass(_slot, Slot):
-        listed(_slot)

@@ -9,6 +9,7 @@ it by itself.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from types import FunctionType
 from typing import Any
 
@@ -25,20 +26,16 @@ from dtbacklash.physics.kernel.dispatch import calls_of, listed, other_of
 
 #: address -> the code of the law there, and the compiled function, which is not freed
 ADDRESSES: dict[int, tuple[int, Any]] = {}
-#: function -> the same for numba
-_JITTED: dict[Any, Any] = {}
 
 
+@cache
 def jitted(function: Any) -> Any:
     """A law of Python as numba calls it, with the functions of its module that it calls."""
     if not isinstance(function, FunctionType):
         return function  # numba's own already
-    if function not in _JITTED:
-        names = {n: function.__globals__.get(n) for n in function.__code__.co_names}
-        space = {**function.__globals__, **{n: jitted(f) for n, f in names.items() if isinstance(f, FunctionType)}}
-        parts = function.__code__, space, function.__name__, function.__defaults__, function.__closure__
-        _JITTED[function] = law(FunctionType(*parts))
-    return _JITTED[function]
+    names = {n: function.__globals__.get(n) for n in function.__code__.co_names}
+    space = {**function.__globals__, **{n: jitted(f) for n, f in names.items() if isinstance(f, FunctionType)}}
+    return law(FunctionType(function.__code__, space, function.__name__, function.__defaults__, function.__closure__))
 
 
 @intrinsic

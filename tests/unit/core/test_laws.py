@@ -1,6 +1,8 @@
 """Laws: those in C are the declared ones, and formulas give what Python makes of them."""
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +44,20 @@ def test_each_declared_law_is_one_of_the_core_with_its_states_and_parameters_in_
             assert list(places) == sorted(one for one in given if isinstance(one, int)), where
             own_names = [n for n in law.__code__.co_varnames[: len(given)] if n not in effect.slot.states]
             assert list(places.values()) == own_names, where
+
+
+def test_a_code_does_not_depend_on_what_was_compiled_before():
+    """In a process of its own: a friction of a load is one of all frictions, though its slot is a kind of theirs."""
+    code = (
+        "from dtbacklash.physics.catalogue import SHIPPED\nfrom dtbacklash.physics.kernel import dispatch, laws\n"
+        "each = [(slot, e) for kinds in laws.SLOTS.values() for slot in kinds for e in SHIPPED.values()"
+        " if isinstance(e.slot, slot)]\n"
+        "codes = [dispatch.code_of(effect) for _, effect in each]\n"
+        "for code, (slot, effect) in zip(codes, each, strict=True):\n"
+        "    assert dispatch.listed(slot)[code] == dispatch.calls_of(effect), effect.name\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_each_law_of_the_core_is_declared_and_found_in_its_source():
