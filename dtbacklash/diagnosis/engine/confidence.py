@@ -34,8 +34,8 @@ class Rival:
     keys : what stands there instead; none where nothing does. model : with it. lead : its score less that of the model
     with the name. t : view -> lead over it in standard errors. agree : share of the stretches, in all views.
     ratio : rms that it leaves at the long horizon, over that of the model. container : whether its law holds the
-    name's as a special case. beaten : whether the name leads it in every view, and it
-    costs more. ahead : whether it leads the name in one, and leaves less there by as much.
+    name's as a special case. beaten : whether the name leads it in every view, and it costs more.
+    ahead : whether it leads the name in one, and leaves less there by as much.
     """
 
     keys: tuple[Key, ...]

@@ -176,7 +176,7 @@ class Profiles:
             x = self.found.x + step * along
             value = f.centre + f.scale * float(x[j]) if f.role is Role.ANGLE else f.value(float(x[j]))
             if f.role is Role.ANGLE or f.low < value < f.high or not step:
-                costs[value] = self._pinned(x, f)
+                costs[value] = self._pinned(x, j)
         kept = {value: cost for value, cost in sorted(costs.items()) if math.isfinite(cost)}
         if len(kept) < PROFILE_POINTS:
             raise UserError("profile", title, "a parameter beside whose value the rig can be simulated")
@@ -184,23 +184,20 @@ class Profiles:
         error = self.found.errors[f.place, f.effect, f.label]
         return Profile(title, np.array(list(kept)), rises, f.value(float(self.found.x[j])), error)
 
-    def _pinned(self, x: Floats, pinned: FreeParameter) -> float:
+    def _pinned(self, x: Floats, j: int) -> float:
         """-2 log likelihood with priors, one parameter as in x, and all others fitted anew from there."""
-        model = self.model
-        at = np.array([xi for f, xi in zip(self.found.free, x, strict=True) if f.title == pinned.title])
+        model, free = self.model, self.found.free
         try:
-            moved = replace(model, rig=apply(model.rig, [pinned], at))
+            moved = replace(model, rig=apply(model.rig, [free[j]], x[j : j + 1]))
             problem = _problem(self.segments, self.motion, moved, 1.0)
-            titles = [f.title for f in problem.free]
-            if titles != [f.title for f in self.found.free]:
+            if [f.title for f in problem.free] != [f.title for f in free]:
                 return math.inf  # the effect is nothing there
-            j = titles.index(pinned.title)
             problem.hold(j)
             _, squares = problem.gauss_newton(model.sizes, np.delete(x, j), PROFILE_STEPS)
             logs = sum(g.logs for g in self.segments.gains(problem.base, model.sizes))
         except (UserError, np.linalg.LinAlgError):
             return math.inf
-        return squares + logs + (float(at[0]) ** 2 if pinned.prior else 0.0)
+        return squares + logs + (float(x[j]) ** 2 if free[j].prior else 0.0)
 
 
 def profiles(segments: Segments, motion: Motion, model: FittedModel, found: Values, label: Label) -> Profiles:
