@@ -29,6 +29,8 @@ from dtbacklash.physics.rig import Rig
 OWN = 1e-6
 #: weights of a table's bends that are tried, relative to its columns
 SMOOTHING = 10.0 ** np.arange(-6, 3)
+#: a law is looked at with no more of it once so many columns in a row explain less than one with less of it
+FALLS = 2
 #: stretches over which the scatter of what is left is looked at
 STRETCHES = 12
 
@@ -61,12 +63,13 @@ class CandidateSensitivities:
     """Columns around a fitted rig at given sizes.
 
     ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
-    bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is.
+    bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is. every :
+    hypotheses with more of a law as well, where less of it explains more.
     """
 
     def __init__(
         self, segments: Segments, model: FittedModel, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
-        alone: bool = False, bounded: bool = False,
+        alone: bool = False, bounded: bool = False, every: bool = False,
     ) -> None:  # fmt: skip
         self.segments, self.rig, self.log_n = segments, model.rig, float(np.log(segments.count))
         gains = segments.gains(model.rig, sizes)
@@ -78,23 +81,51 @@ class CandidateSensitivities:
         assert base is not None
         data = problem.innovation_rows
         jacobian = np.zeros((len(base), 0)) if alone else problem.jacobian(x, gains, base)
-        e0 = base[:data]
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
+        self._set_base(base, jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12], data)
+        # coarse steps will do for what a law adds: they err alike with it and without it
+        self._coarse = segments.coarse
+        coarse_e0 = base[:data] if self._coarse is segments else self._coarse.residuals(problem.rig(x), gains)
+        if coarse_e0 is None:
+            self._coarse, coarse_e0 = segments, base[:data]
         asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
-        made = spread(lambda h: attempt(self._made, h, gains, e0), asked)
-        columns, first = np.empty((sum(len(m) for m in made if m), data)), 0
+        falls = len(asked) if bounded or every else FALLS
+        made = spread(lambda those: self._in_order(those, gains, coarse_e0, falls), _by_size(asked))
+        found = {h: columns for those in made for h, columns in those if columns}
+        del made
+        columns, first = np.empty((sum(len(c) for c in found.values()), data)), 0
         for h in asked:  # one by one, as many recordings fill the memory
-            for column in (found := made.pop(0) or []):
+            for column in (own := found.pop(h, [])):
                 columns[first] = column
                 first += 1
-            if found:
-                self.hypotheses.append((h, slice(first - len(found), first)))
-        used = jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12]
-        self._project(columns, e0, base, used, data)
+            if own:
+                self.hypotheses.append((h, slice(first - len(own), first)))
+        self._project(columns)
         self.ranked = self._ranked()
 
-    def _made(self, h: Hypothesis, gains: Sequence[Gains], e0: Floats) -> list[Floats] | None:
+    def _in_order(
+        self, those: Sequence[Hypothesis], gains: Sequence[Gains], coarse_e0: Floats, falls: int
+    ) -> list[tuple[Hypothesis, list[Floats] | None]]:
+        """The columns of a law at more and more of it, until so many in a row explain less than one before."""
+        made, best, fell = [], 0.0, 0
+        for h in those:
+            columns = attempt(self._made, h, gains, coarse_e0)
+            made.append((h, columns))
+            gain = self._gain(columns[0]) if columns else -np.inf
+            fell, best = (fell + 1, best) if gain < best else (0, gain)
+            if fell == falls:
+                break
+        return made
+
+    def _gain(self, column: Floats) -> float:
+        """By how much -2 log likelihood falls with a law as it is, what the base can do taken out."""
+        J, gram, side, e0 = self._base
+        cross = column @ J
+        by = np.linalg.solve(gram, cross)
+        return float(-2.0 * (column @ e0 - by @ side) - (column @ column - by @ cross))
+
+    def _made(self, h: Hypothesis, gains: Sequence[Gains], coarse_e0: Floats) -> list[Floats] | None:
         """The columns of a hypothesis; None where the rig cannot have it, or it shows nowhere."""
         known = efforts(h, self.rig, self.motion)
         if known is not None:
@@ -102,7 +133,7 @@ class CandidateSensitivities:
         elif h.effect.is_table:
             return None
         else:
-            simulated = self._simulated(h, gains, e0)
+            simulated = self._simulated(h, gains, coarse_e0)
             if simulated is None:
                 return None
             found = simulated
@@ -114,17 +145,17 @@ class CandidateSensitivities:
         enough = any(s > 1e-12 for s in squares) if h.effect.is_table else all(s > 1e-12 for s in squares)
         return found if enough and np.isfinite(squares).all() else None
 
-    def _simulated(self, h: Hypothesis, gains: Sequence[Gains], e0: Floats) -> list[Floats] | None:
+    def _simulated(self, h: Hypothesis, gains: Sequence[Gains], coarse_e0: Floats) -> list[Floats] | None:
         """The same by simulation with a small amount of it, or with it as it is."""
         found, size = [], h.effect.size.name
         for phase in (0.0, 0.5 * np.pi) if h.angle else (None,):
             values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
             if not h.as_it_is:
                 values[size] = per = SMALL * values[size]
-            rows = self.segments.residuals(self.rig.with_effect(*h.key, values), gains)
+            rows = self._coarse.residuals(self.rig.with_effect(*h.key, values), gains)
             if rows is None or not per:
                 return None
-            found.append((rows - e0) / per)
+            found.append((rows - coarse_e0) / per)
         return found
 
     def _answered(self, F: Floats, entry: Entry, gains: Sequence[Gains]) -> Floats:
@@ -155,21 +186,24 @@ class CandidateSensitivities:
             ))  # fmt: skip
         return np.concatenate(found, axis=1)
 
-    def _project(self, columns: Floats, e0: Floats, base: Floats, jacobian: Floats, data: int) -> None:
+    def _set_base(self, base: Floats, jacobian: Floats, data: int) -> None:
+        """Innovations with priors (rows,), and what the base can do about them (rows, free); data : innovations."""
+        J = jacobian / np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+        self._base = J[:data], J.T @ J + 1e-10 * np.eye(J.shape[1]), J.T @ base, base[:data]
+
+    def _project(self, columns: Floats) -> None:
         """Products of columns and innovations, with what the base can do taken out of both."""
+        J, gram, side, e0 = self._base
+        data = len(e0)
         scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
         self.scale = np.maximum(scale, 1e-150)
         columns /= self.scale[:, None]
-        norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
-        J = jacobian / norms
-        gram = J.T @ J + 1e-10 * np.eye(len(norms))
-        self._T, self._cross, self._base = columns, columns @ J[:data], (J[:data], gram, J.T @ base, e0)
+        self._T, self._cross = columns, columns @ J
         self._by = np.linalg.solve(gram, self._cross.T).T
-        side = J.T @ base
         self._r = columns @ e0 - self._by @ side
         self._blocks = {h: self._products(at, at) for h, at in self.hypotheses}
         # errors are systematic: how much a column's product with them scatters, beside what white ones would
-        left = e0 - J[:data] @ np.linalg.solve(gram, side)
+        left = e0 - J @ np.linalg.solve(gram, side)
         ends = np.linspace(0, data, STRETCHES + 1).astype(int)
         sums = np.array([
             columns[:, a:b] @ left[a:b] - self._by @ (J[a:b].T @ left[a:b]) for a, b in pairwise(ends)
@@ -368,6 +402,19 @@ class CandidateSensitivities:
                 if both.keys not in best or both.gain > best[both.keys].gain:
                     best[both.keys] = both
         return sorted(best.values(), key=lambda p: -p.gain)
+
+
+def _by_size(asked: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
+    """Hypotheses together that differ by how much of a law there is, least first; each other for itself."""
+    series: dict[object, list[Hypothesis]] = {}
+    for h in asked:
+        size = h.effect.size
+        others = tuple(value for name, value in h.values.items() if name != size.name)
+        series.setdefault((h.key, others) if h.as_it_is else h, []).append(h)
+    return [
+        sorted(those, key=lambda h: h.values[h.effect.size.name], reverse=those[0].effect.size.neutral != 0.0)
+        for those in series.values()
+    ]
 
 
 def _put(h: Hypothesis, each: Floats) -> tuple[Hypothesis, Floats]:

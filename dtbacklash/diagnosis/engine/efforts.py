@@ -48,9 +48,10 @@ def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | N
     """(columns, N) of what a hypothesis adds per unit of its size or of each value of a table; None where no effort is.
 
     Of a phase that goes with the size the columns are its sine and its cosine. A hypothesis as it is adds all of
-    itself: in a simulator's model, whose passes are dear, along the motion as well.
+    itself: along the motion where a law is over the command, which does not depend on the motion, or where passes are
+    dear, in a simulator's model.
     """
-    if h.as_it_is and not rig.config.model:
+    if h.as_it_is and not rig.config.model and not isinstance(h.effect.slot, slots.Command):
         return None
     element = rig.elements.get(h.place)
     where = _entry(h, rig, motion, element)

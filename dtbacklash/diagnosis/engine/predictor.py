@@ -95,11 +95,11 @@ class Predictor:
         other.count = other.readings.count
         return other
 
-    def fine(self) -> "Predictor":
-        """The same, simulated in fine steps."""
+    def stepping(self, finely: bool) -> "Predictor":
+        """The same, simulated in fine steps or not; a sample that stands for several stays as it is."""
         other = copy.copy(self)
         other.simulated = copy.copy(self.simulated)
-        other.simulated.finely = True
+        other.simulated.finely = finely or (self.simulated.finely and self.readings.every > 1)
         return other
 
     def _rough_speed(self, rig: Rig) -> Floats:

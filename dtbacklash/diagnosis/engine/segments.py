@@ -133,7 +133,14 @@ class Segments:
     @cached_property
     def fine(self) -> "Segments":
         """The same, simulated in fine steps."""
-        return replace(self, predictors=tuple(p.fine() for p in self.predictors))
+        return replace(self, predictors=tuple(p.stepping(finely=True) for p in self.predictors))
+
+    @property
+    def coarse(self) -> "Segments":
+        """The same, not simulated in fine steps; itself where it is not."""
+        if not any(p.simulated.finely and p.readings.every == 1 for p in self.predictors):
+            return self
+        return replace(self, predictors=tuple(p.stepping(finely=False) for p in self.predictors))
 
     def refine(self, rig: Rig, sizes: Sizes, worth: float) -> bool:
         """Simulate in finer steps from now on, if that changes innovations by so much; whether it does.

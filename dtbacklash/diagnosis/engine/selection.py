@@ -16,7 +16,7 @@ from dtbacklash.diagnosis.engine.fit import STIFF, FitProblem, FittedModel, shar
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import Key, taken_out
-from dtbacklash.diagnosis.engine.predictor import LOST
+from dtbacklash.diagnosis.engine.predictor import LOST, Predictor
 from dtbacklash.diagnosis.engine.recording_effects import alike, differ, named_apart
 from dtbacklash.diagnosis.engine.scale_errors import ScaleError
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
@@ -58,6 +58,7 @@ class StepwiseSelection:
     differences : titles of what is free in each recording as the search found it to differ.
     apart : what names with a size in each recording would explain beside the model that was last proposed to.
     rejected : names that explain nothing at a longer horizon, and are proposed no more.
+    first_columns : what :meth:`preview` compared, for the first proposals.
     """
 
     segments: Segments
@@ -74,6 +75,7 @@ class StepwiseSelection:
     differences: tuple[str, ...] = ()
     apart: list[tuple[float, Hypothesis, Floats]] = field(default_factory=list)
     rejected: set[Key] = field(default_factory=set)
+    first_columns: tuple[FittedModel, Predictor, CandidateSensitivities | None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
@@ -119,8 +121,17 @@ class StepwiseSelection:
 
     def preview(self) -> None:
         """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
-        columns = attempt(CandidateSensitivities, self.quick, self.now, self.segments.of_first(self.now.sizes))
+        self.first_columns = self._on_beginning(self.now)
+        columns = self.first_columns[-1]
         self.likely = columns.ranked[0].keys[0] if columns and columns.ranked else None
+
+    def _on_beginning(self, model: FittedModel) -> tuple[FittedModel, Predictor, CandidateSensitivities | None]:
+        """A model, the predictor of the beginning, and the columns around the model there; kept of :meth:`preview`."""
+        beginning, kept = self.segments.predictors[self.segments.telling], self.first_columns
+        if kept and kept[0] is model and kept[1] is beginning:
+            return kept
+        columns = attempt(CandidateSensitivities, self.quick, model, self.segments.of_first(model.sizes))
+        return model, beginning, columns
 
     def look_at(self, sizes: Sizes) -> None:
         """Make quick fits on the stretch that says most of what is missing, at these sizes."""
@@ -185,18 +196,26 @@ class StepwiseSelection:
         """
         far, found, without = self.far(model), [], (*without, *self.rejected)
         seen: dict[tuple[Key, ...], list[list[Values]]] = {}
-        levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(self.segments, 1.0, 5, 3)]
+        # where much is unexplained, the beginning tells as well what explains it
+        much = self.unknown(model) > self.rules.max_unexplained and len(self.segments.recordings) == 1
+        whole = self.quick if much else self.segments
+        levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(whole, 1.0, 5, 3)]
         if far and not quick:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
         for segments, share, singles, pairs in levels:
-            at = self.segments.of_first(model.sizes) if segments is self.quick else model.sizes
-            columns = attempt(CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone)
+            if segments is self.quick and share == 1.0 and not without and not alone:
+                columns = self._on_beginning(model)[-1]
+            else:
+                at = self.segments.of_first(model.sizes) if segments is self.quick else model.sizes
+                columns = attempt(
+                    CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone
+                )
             if columns is None:
                 continue
             ranked = columns.ranked
             if share == 1.0 and not quick:
                 for p in ranked:
-                    self.gains.setdefault(p.keys[0], p.gain)
+                    self.gains.setdefault(p.keys[0], p.gain * self.segments.count / segments.count)
                 self.apart = columns.differing() if len(segments.recordings) > 1 else []
             ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.min_gain * segments.count]
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
@@ -344,6 +363,7 @@ class StepwiseSelection:
             proposed = self.proposals(self.now)
             if proposed:
                 self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
+            self.first_columns = None
             found = self.screened(self.now, proposed)
             if attempt(differ, self, found):
                 been.clear()

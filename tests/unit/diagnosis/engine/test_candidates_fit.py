@@ -8,6 +8,7 @@ import pytest
 from nominal import nominal_rig
 
 from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.efforts import SMALL
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import Key, apply, standing, taken_out
@@ -169,10 +170,13 @@ def test_pairs_promise_what_no_single_does():
 class Kept(CandidateSensitivities):
     """Columns that keep what was projected."""
 
-    def _project(self, columns, e0, base, jacobian, data):
-        self.T, self.J = np.hstack([columns, np.zeros((len(columns), len(base) - data))]), jacobian
-        self.base = base
-        super()._project(columns.copy(), e0, base, jacobian, data)
+    def _set_base(self, base, jacobian, data):
+        self.base, self.J = base, jacobian
+        super()._set_base(base, jacobian, data)
+
+    def _project(self, columns):
+        self.T = np.hstack([columns, np.zeros((len(columns), len(self.base) - columns.shape[1]))])
+        super()._project(columns.copy())
 
     def left(self, base: np.ndarray, *columns: np.ndarray) -> float:
         """What is left of a sum of squares beside nominal parameters and columns, by least squares."""
@@ -345,3 +349,60 @@ def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recor
             values = there.effects[key[0]][key[1]]
             assert values["torque"] == pytest.approx(0.03, rel=0.3)
             assert abs(np.angle(np.exp(1j * (values["phase"] - phase)))) < 0.4
+
+
+def test_more_of_a_law_is_not_looked_at_where_less_of_it_explains_more():
+    """Of a law that is there the best amount is looked at; of others the least ones alone; what is ranked stays."""
+    _, segments, model, _ = looked_at("coulomb")
+    few, every = (CandidateSensitivities(segments, model, model.sizes, every=every) for every in (False, True))
+    amounts = [
+        {h.key: [o.values[o.effect.size.name] for o, _ in c.hypotheses if o.key == h.key] for h, _ in c.hypotheses}
+        for c in (few, every)
+    ]
+    assert len(few.hypotheses) < 0.8 * len(every.hypotheses)
+    assert amounts[0].keys() == amounts[1].keys()
+    assert all(set(own) <= set(amounts[1][key]) for key, own in amounts[0].items())
+    late = ("sensor_theta", "delay")
+    assert len(amounts[0][late]) < len(amounts[1][late])
+    assert min(amounts[0][late]) == min(amounts[1][late])
+    ranked = [{p.keys: p.gain for p in c.ranked if p.gain > 0.0} for c in (few, every)]
+    assert ranked[0] == pytest.approx(ranked[1])
+
+
+def test_coarse_steps_do_for_what_a_law_adds():
+    """Columns of laws beside friction have nearly the direction that fine steps give."""
+    rig, segments, _, _ = looked_at("coulomb")
+    fine = segments.fine
+    rig = rig.with_effect("disk", "coulomb_friction", CASES["coulomb"].values)
+    sizes, _ = fine.tuned(rig)
+    motion = motion_of(fine, rig, fine.gains(rig, sizes))
+    model = FitProblem(fine, rig, (("disk", "coulomb_friction"),), motion).homotopy_fit(sizes, None, (1.0,))
+    assert fine.coarse is not fine
+    assert segments.coarse is segments
+    columns = CandidateSensitivities(fine, model, model.sizes)
+    gains, simulated = fine.gains(model.rig, model.sizes), 0
+    e0 = fine.residuals(model.rig, gains)
+    for h, at in columns.hypotheses:
+        if h.key != ("sensor_theta", "delay") and h.effect.name != "load_friction":
+            continue
+        values = dict(h.values)
+        values[h.effect.size.name] *= 1.0 if h.as_it_is else SMALL
+        per = 1.0 if h.as_it_is else values[h.effect.size.name]
+        column = (fine.residuals(model.rig.with_effect(*h.key, values), gains) - e0) / per
+        made = columns._T[at][0] * columns.scale[at][0]
+        cosine = made @ column / (np.linalg.norm(made) * np.linalg.norm(column))
+        assert cosine > 0.9, (h.key, h.values)
+        simulated += 1
+    assert simulated > 3
+
+
+def test_a_law_over_the_command_needs_no_pass():
+    """The column of a dead zone as it is follows from the command; a simulated one is nearly the same."""
+    _, segments, model, _ = looked_at("gravity")
+    columns = CandidateSensitivities(segments, model, model.sizes)
+    gains = segments.gains(model.rig, model.sizes)
+    e0 = segments.residuals(model.rig, gains)
+    (h, at) = next((h, at) for h, at in columns.hypotheses if h.key == ("amplifier", "dead_zone") and h.as_it_is)
+    column = segments.residuals(model.rig.with_effect(*h.key, h.values), gains) - e0
+    made = columns._T[at][0] * columns.scale[at][0]
+    assert np.linalg.norm(made - column) < 0.1 * np.linalg.norm(column)

@@ -12,6 +12,7 @@ from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
 from .conftest import command, predictor_of, recorded
@@ -28,7 +29,12 @@ def along(name: str, every: int) -> tuple[CandidateSensitivities, list[Hypothesi
     segments = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
     gains = segments.gains(rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), 0.1))
     columns = object.__new__(CandidateSensitivities)
-    columns.segments, columns.rig, columns.motion = segments, rig, motion_of(segments, rig, gains)
+    columns.segments, columns._coarse, columns.rig, columns.motion = (
+        segments,
+        segments,
+        rig,
+        motion_of(segments, rig, gains),
+    )
     columns.plants = [segments.linear]
     return columns, list(hypotheses(segments, rig, columns.motion)), gains, segments.residuals(rig, gains)
 
@@ -104,8 +110,11 @@ def test_efforts_enter_where_their_places_act():
 
 
 def test_what_is_no_effort_over_states_is_left_to_the_simulation():
+    """A law as it is may change the motion; but that of the command is not over the motion."""
     columns, offered, _, _ = along("pendulum", 1)
     for h in offered:
         known = efforts(h, columns.rig, columns.motion)
-        if h.as_it_is or h.effect.is_delay:
+        if isinstance(h.effect.slot, slots.Command):
+            assert known is not None, h.key
+        elif h.as_it_is or h.effect.is_delay:
             assert known is None, h.key
