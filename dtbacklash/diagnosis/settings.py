@@ -1,7 +1,7 @@
 """The numbers that decide what a diagnosis says, all of them: each with its value, its unit, and what it is.
 
-What halving and doubling each does to the golden set stands in docs/method.md. None is changed while a program runs;
-every other number of the diagnosis is numerical, and stands beside its code.
+docs/method.md says where each is used. None is changed while a program runs; every other number of the diagnosis is
+numerical, and stands beside its code.
 """
 
 from dataclasses import dataclass
