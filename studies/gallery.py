@@ -36,8 +36,8 @@ VERDICTS = {
     "consistent": "consistent", "parameters": "parameters are off", "missing_physics": "missing physics",
     "unexplained": "unexplained",
 }  # fmt: skip
-#: the errors of the sensors, which the report of a diagnosis has as a table
-LEFT = re.compile(r" Left: .*?\)\.(?= |$)")
+#: errors of sensors and unknown forces, which the report of a diagnosis has as tables
+LEFT = re.compile(r" (?:Left|Unknown force left): .*?(?:\)|acts on it)\.(?= |$)")
 INTRO = """\
 After this page you can recognise the results of `dtb diagnose` by their drawings. Each section conceals a recording.
 This command diagnoses it without the answer:

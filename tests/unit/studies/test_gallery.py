@@ -15,7 +15,8 @@ TRUE = Secret(
 )
 FOUND = {
     "verdict": "missing_physics",
-    "summary": "The gear has backlash of 0.00643 rad to each side. Left: q 1.2 mm (9 %), v 1 (3 %). It is worn.",
+    "summary": "The gear has backlash of 0.00643 rad to each side. Left: q 1.2 mm (9 %), v 1 (3 %). "
+    "Unknown force left: 0.2 N at the mass 2, 22 % of what acts on it. It is worn.",
     "findings": [{
         "location": "gear", "effect": "backlash", "sentence": "", "when": "",
         "parameters": {"half_gap": {"value": 0.00643, "unit": "rad", "ci95": [0.00599, 0.00687]}},
