@@ -306,29 +306,10 @@ END = "<!-- alternatives: end -->"
 
 
 def docs_block(document: dict[str, Any]) -> str:
-    """What stands between the two lines in the docs, from the rows and the seeds of a run."""
-    from dtbacklash.report.components.markdown import table
-    from dtbacklash.report.components.numbers import number
-
-    rows = document["rows"]
-    heads = [
-        "recording: method",
-        "theta_m",
-        "q3",
-        "theta_m, one step",
-        "q3, one step",
-        "time [s]",
-        "hidden among named",
-    ]
-    names = ["what", "theta_m_floors", "q3_floors", "theta_m_one_step", "q3_one_step", "time_s", "hidden_is_among"]
-    cells = [[_finite(row.get(name), number) for name in names] for row in rows]
+    """Return the text between the two lines in the docs: the medians of each method."""
     command = f"python -m studies alternatives --n {document['n']} --seed {document['seed']} --docs docs"
-    words = "\n".join(f"- {line}" for line in alternative_words(rows))
-    return "\n".join([BEGIN, "", f"```sh\n{command}\n```", "", words, "", table(heads, cells), END])
-
-
-def _finite(value: Any, number: Any) -> str:
-    return "ran away" if value == "inf" or value == float("inf") else number(value, missing="")
+    words = "\n".join(f"- {line}" for line in alternative_words(document["rows"]))
+    return "\n".join([BEGIN, "", f"```sh\n{command}\n```", "", words, "", END])
 
 
 def write_docs(rows: list[Row], n: int, seed: int, folder: Path) -> None:

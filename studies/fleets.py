@@ -181,27 +181,13 @@ def fleet_words(rows: list[Row]) -> list[str]:
 
 
 def write_docs(rows: list[Row], folder: Path) -> None:
-    """Bring the table and the counts into the page."""
-    heads = [
-        "machine and main effect",
-        "hidden",
-        "times the noise",
-        "an oracle sees it",
-        "said (! sure)",
-        "right",
-        "sure",
-        "false",
-        "only there",
-    ]
-    cells = [[_cell(value) for value in list(row.values())[:-1]] for row in rows]
+    """Bring the counts into the page: a row for each kind of fleet and pair."""
+    cases = pd.DataFrame(rows)
+    kind = cases["mode"].str.replace(r"in \d only", "effect in one only", regex=True)
+    counts = cases.groupby(kind, sort=False)[["right", "sure", "sure_false"]].sum().astype(int)
+    counts.insert(0, "cases", cases.groupby(kind, sort=False).size())
+    cells = [[mode, *map(str, row)] for mode, row in zip(counts.index, counts.to_numpy(), strict=True)]
+    heads = ["hidden", "diagnoses", "right", "sure names", "of these false"]
     text = table(heads, cells) + "\n\n" + " ".join(fleet_words(rows))
     page = folder / PAGE
     write_text(page, between(page.read_text(encoding="utf-8"), BEGIN, END, text))
-
-
-def _cell(value: Any) -> str:
-    if value is None or (isinstance(value, float) and np.isnan(value)):
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.0f}" if isinstance(value, float) else str(value)

@@ -8,6 +8,7 @@ same gallery.
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 import tempfile
@@ -35,12 +36,19 @@ VERDICTS = {
     "consistent": "consistent", "parameters": "parameters are off", "missing_physics": "missing physics",
     "unexplained": "unexplained",
 }  # fmt: skip
+#: errors of sensors and unknown forces, which the report of a diagnosis has as tables
+LEFT = re.compile(r" (?:Left|Unknown force left): .*?(?:\)|acts on it)\.(?= |$)")
 INTRO = """\
-What a diagnosis looks like. Each recording was made by another integrator than the diagnosis has, with something hidden
-in it that the nominal rig has not, and diagnosed without the answer. In the drawings the rig runs from the command to
-the last mass; the darker an element, the more of the evidence sits there. Below it, where something was found: what the
-motion needs and the model lacks, with the law that was fitted to it. A good one is dark in one place, and its law runs
-through the points. What is missed stands here beside what is found: an exhibit is not chosen by what came out.
+After this page you can recognise the results of `dtb diagnose` by their drawings. Each section conceals a recording.
+This command diagnoses it without the answer:
+
+```sh
+dtb diagnose recording=hidden/*/recording.csv.gz rig=lead_screw out=found
+```
+
+In a drawing the rig runs from the command to the last mass. The darker an element, the more of the evidence is there.
+The plot below it shows the force that the motion needs and the model lacks, with the law that was fitted to it. A good
+result is dark in one place, and its law runs through the points. No exhibit is chosen by its result: misses are shown.
 """
 
 
@@ -69,7 +77,7 @@ EXHIBITS = (
     Exhibit("backlash", "A worn gear", "The screw rests while the motor crosses the gap: lost motion at each reversal.",
             ("effect=gear.backlash",)),
     Exhibit("friction", "Friction in the motor's bearing",
-            "A torque against the motion that does not ask how fast it is: two levels, and a jump at standstill.",
+            "A torque against the motion that does not depend on the speed: two levels, and a jump at standstill.",
             ("effect=motor_bearing.coulomb_friction", "instruments=rich")),
     Exhibit("cubic", "A spring that is not linear", "A force that grows with the third power of the stretch.",
             ("effect=link_1.cubic_stiffness",)),
@@ -78,15 +86,15 @@ EXHIBITS = (
             ("effect=mass_3.absorber",)),
     Exhibit("delay", "A late sensor", "The signal is right, but late: the error grows with the speed.",
             ("effect=sensor_q3.delay",)),
-    Exhibit("nothing", "Nothing", "The rig is as it is believed to be; what is left over is the sensors' noise.",
+    Exhibit("nothing", "Nothing", "The machine is the nominal rig; only the noise of the sensors remains.",
             ("kind=nothing",)),
     Exhibit("parameters", "A wrong parameter", "No physics is missing; a value of the rig's file is off.",
             ("kind=parameters",)),
     Exhibit("unknown", "Physics that the catalogue lacks",
-            "The mismatch is real, and no effect of the catalogue is it.",
+            "The mismatch is real, and no effect of the catalogue explains it.",
             ("kind=unknown",)),
     Exhibit("formula", "A law that the catalogue lacks",
-            "No name, but a table of the missing force over a state, and the formula that does as well.",
+            "No name, but a table of the missing force over a state, and a formula that fits as well.",
             ("kind=unknown", "instruments=rich"), seed=1101),
 )  # fmt: skip
 
@@ -169,9 +177,9 @@ def page_text(docs: Path) -> str:
 
 
 def _section(exhibit: Exhibit, found: dict[str, Any]) -> list[str]:
-    parts = [f"## {exhibit.title}\n", f"{exhibit.see}\n"]
+    parts = [f"## {exhibit.title}\n", f"{exhibit.see}\n", f"```sh\n{exhibit.command}\n```\n"]
     parts.append(f"- Hidden: {' '.join(found['hidden'])}")
-    parts.append(f"- Said: **{VERDICTS[found['verdict']]}**. {found['summary']}\n")
+    parts.append(f"- Diagnosed: **{VERDICTS[found['verdict']]}**. {LEFT.sub('', found['summary'])}\n")
     rows = list(_rows(found))
     if rows:
         parts.append(table(("parameter", "hidden", "found, 95 % interval"), rows))
@@ -181,7 +189,6 @@ def _section(exhibit: Exhibit, found: dict[str, Any]) -> list[str]:
     if found["next_experiment"]:
         parts.append(f"To record next: {found['next_experiment']}\n")
     parts.append(f"![{exhibit.title}: the rig with the evidence]({IMAGES}/gallery_{exhibit.name}.png)\n")
-    parts.append(f"```sh\n{exhibit.command}\n```\n")
     return parts
 
 

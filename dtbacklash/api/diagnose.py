@@ -35,7 +35,7 @@ DEFAULT_RIG = "lead_screw"
 
 @dataclass(frozen=True, repr=False)
 class Found:
-    """What :func:`diagnose` gives. ``print(found)`` shows verdict, findings, and the fit before and after.
+    """Result of :func:`diagnose`. ``print(found)`` shows verdict, findings, and the fit before and after.
 
     Attributes
     ----------
@@ -46,27 +46,27 @@ class Found:
 
     @property
     def verdict(self) -> str:
-        """``consistent``, ``parameters``, ``missing_physics`` or ``unexplained``."""
+        """The verdict: ``consistent``, ``parameters``, ``missing_physics`` or ``unexplained``."""
         return self.diagnosis.verdict
 
     @property
     def summary(self) -> str:
-        """Two or three sentences that a person would say."""
+        """The result in two or three sentences."""
         return self.diagnosis.summary
 
     @property
     def stopped(self) -> str:
-        """What was being done when it was interrupted; empty of a diagnosis that came to its end."""
+        """The stage at which the diagnosis was interrupted; empty if it was completed."""
         return self.diagnosis.stopped
 
     @cached_property
     def findings(self) -> pd.DataFrame:
-        """The effects that the rig lacks, a row a parameter.
+        """The effects that the rig lacks: a row for each parameter of each effect.
 
         Columns ``location, effect, confidence, parameter, value, unit, low, high, also_fits, sentence``: ``confidence``
-        is ``sure``, ``one_of`` (it or one of ``also_fits``) or ``partial`` (more is open); ``low`` and ``high``
-        are the ends of the 95 % interval, in ``unit`` (SI); ``also_fits`` is a tuple of (location, effect) that this
-        recording cannot tell from it. The size of an effect is its first parameter.
+        is ``sure``, ``one_of`` (this effect or one of ``also_fits``) or ``partial``; ``low`` and ``high`` are the ends
+        of the 95 % interval, in ``unit`` (SI); ``also_fits`` is a tuple of (location, effect) that this recording
+        cannot distinguish from it. The size of an effect is its first parameter.
         """
         columns = ["location", "effect", "confidence", "parameter", "value", "unit", "low", "high", "also_fits",
                    "sentence"]  # fmt: skip
@@ -80,10 +80,10 @@ class Found:
 
     @cached_property
     def recalibrated(self) -> pd.DataFrame:
-        """Parameters of the rig that had to move.
+        """Parameters of the rig that had to move: a row for each.
 
         Columns ``nominal, value, unit, low, high`` (95 % interval, SI), and ``also_fits``: a tuple of (location,
-        effect) that this recording cannot tell from the parameter.
+        effect) that this recording cannot distinguish from the parameter.
         """
         columns = ["nominal", "value", "unit", "low", "high", "also_fits"]
         rows = {
@@ -96,8 +96,8 @@ class Found:
     def fit(self) -> pd.DataFrame:
         """Errors of the models: rows ``nominal, recalibrated, extended, noise_floor``, columns ``train, held_out``.
 
-        Normalised rms over the channels (rms error by standard deviation, 1); the noise floor is what a true model
-        would leave. ``modelled`` is a row, too, where what no name explains is modelled.
+        Normalised rms over the channels (rms error over standard deviation, 1). The noise floor is the error of a true
+        model. There is a row ``modelled`` if the remaining force is modelled by a table or a formula.
         """
         fit = self.diagnosis.fit
         parts = {"train": fit.train, "held_out": fit.held_out}
@@ -108,10 +108,10 @@ class Found:
 
     @cached_property
     def recordings(self) -> pd.DataFrame:
-        """What was used of each of several recordings, a row each; empty of one.
+        """Use and errors of each of several recordings: a row for each; empty for one.
 
-        Columns ``name, samples, sample_time_s, fitted, judged, nominal, recalibrated, extended``: samples that were
-        fitted to and that judged, and the models' normalised rms errors on the latter (1).
+        Columns ``name, samples, sample_time_s, fitted, judged, nominal, recalibrated, extended``: numbers of
+        fitted and of held-out samples, and the normalised rms errors of the models on the held-out ones (1).
         """
         columns = ["name", "samples", "sample_time_s", "fitted", "judged", "nominal", "recalibrated", "extended"]
         rows = []
@@ -122,10 +122,10 @@ class Found:
 
     @cached_property
     def calibration(self) -> pd.DataFrame:
-        """The fitted parameters, a row each, moved or not, with the correlations of their errors.
+        """All fitted parameters with the correlations of their errors: a row for each.
 
         Columns ``nominal, value, unit, low, high`` (95 % interval, SI), then a column for each parameter with its
-        correlation, -1 to 1. ``attrs["blind"]``: what this recording does not notice, in sentences.
+        correlation, -1 to 1. ``attrs["blind"]`` lists the directions along which the recording is blind, in sentences.
         """
         found = self.diagnosis.calibration
         if found is None:
@@ -140,9 +140,9 @@ class Found:
         return table
 
     def fit_report(self) -> str:
-        """The fitted parameters as text: value, standard error, nominal value; correlations from 0.1 on.
+        """Return the fitted parameters as text: value, standard error, nominal value; correlations from 0.1 on.
 
-        A parameter that is held (``fixed: true``), or tied to another one, has no row.
+        A parameter that is fixed (``fixed: true``), or tied to another one, has no row.
         """
         from dtbacklash.report.components import tables
         from dtbacklash.report.diagnosis.text import fit_report
@@ -155,7 +155,7 @@ class Found:
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
-        """What was tried, best first: ``location, effect, score, held_out, verdict``."""
+        """Effects that were tried, best first: ``location, effect, score, held_out, verdict``."""
         columns = ["location", "effect", "score", "held_out", "verdict"]
         return pd.DataFrame([asdict(c) for c in self.diagnosis.candidates], columns=columns)
 
@@ -167,7 +167,7 @@ class Found:
 
     @property
     def rig(self) -> Rig:
-        """The rig with what was found: recalibrated, with the missing effects, and with what no name explains.
+        """The extended rig: recalibrated, with the missing effects, and with a modelled force if there is one.
 
         ``dtb.run(rig=found.rig)`` takes it.
         """
@@ -175,11 +175,11 @@ class Found:
 
     @property
     def next_experiment(self) -> str:
-        """What to record or to measure next; empty if nothing."""
+        """The next recording or measurement that is recommended; empty if none."""
         return self.diagnosis.next_experiment
 
     def to_json(self) -> dict[str, Any]:
-        """The content of ``diagnosis.json``."""
+        """Return the content of ``diagnosis.json``."""
         return dict(self.diagnosis.to_json())
 
     def plot(self, what: str = "rig") -> Figure:
@@ -188,7 +188,7 @@ class Found:
         Parameters
         ----------
         what : ``rig``, the rig with the evidence at each element; a channel (``q3``), measured and simulated before and
-            after; ``residual q3``, what the model leaves there, with its autocorrelation and spectrum; a finding's
+            after; ``residual q3``, its residual with autocorrelation and spectrum; a finding's
             location (``motor_bearing``), the recovered force and the law over its state; ``profile J``, the profile
             likelihood of a fitted parameter (``profile disk.coulomb_friction.torque`` of a finding's), computed now.
 
@@ -221,7 +221,7 @@ class Found:
         raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws, *fitted]))
 
     def save(self, folder: str | Path) -> Path:
-        """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.
+        """Write the files of ``dtb diagnose``, complete or not at all; an earlier diagnosis there is replaced.
 
         Files: ``diagnosis.json, rig.yaml, figures/*.png, report.html``.
 
@@ -276,37 +276,36 @@ def diagnose(
     progress: ShowProgress = False,
     trust_units: bool = False,
 ) -> Found:
-    """Compare a recording with the simulation of a rig; name the physics that the rig lacks, and show that it fits.
+    """Compare a recording with the simulation of a rig, and name the physics that the rig lacks.
 
     Parameters
     ----------
     recording : a recording, a DataFrame, or what :func:`read_recording` reads; or several together: a list of them, or
-        a pattern (``"data/*.csv"``). Several share the rig's physics and parameters; first states and the sizes of what
-        is unknown are each recording's own; lengths, sample times and channels may differ.
+        a pattern (``"data/*.csv"``). Several share the rig's physics and parameters. Each has its own first state and
+        noise levels; lengths, sample times and channels may differ.
     rig : the nominal rig; default: that of the (first) recording's mapping, else ``lead_screw``.
-    validation : the recording to judge on; without it the last share ``held_out`` of each recording does. Of
-        several recordings the number (from 1), the name or the file of one leaves that one out to judge.
-    held_out : above 0 and below 1; None: as the settings say. Nothing is fitted to it, and it chooses nothing.
-    enough : channel -> what is good enough there, as ``0.05 mm`` or as a share of its motion (``2 %``): such a rest is
-        accepted, and said.
-    search : ``full`` looks for everything; ``quick`` names what is large, without rivals; ``none`` names nothing: the
-        rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
+    validation : the recording to judge on; without it the last share ``held_out`` of each recording judges. The number
+        (from 1), the name or the file of one of several recordings holds that one out.
+    held_out : share that nothing is fitted to and nothing is chosen by, above 0 and below 1; None: as the settings say.
+    enough : channel -> accepted error, as ``0.05 mm`` or as a share of its motion (``2 %``).
+    search : ``full`` looks for everything; ``quick`` names large effects, without alternatives; ``none`` names nothing:
+        the rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
     own : of several recordings, the parameters and effects that are free in each (``["carriage.mass"]``), or in one
-        (``{"b": ["carriage.mass"]}``). given : what is known to differ, ``{"b": {"carriage.mass": "3.2 kg"}}``.
+        (``{"b": ["carriage.mass"]}``). given : values that are known to differ, ``{"b": {"carriage.mass": "3.2 kg"}}``.
     hold_out : which of several recordings judges: ``turns``, each in turn (default from three on); ``ends``, the last
         share of each; or the name or number (from 1) of one.
-    compare : ``change``: what changed from the first of two recordings to the second (``found.to_json()["changes"]``),
-        whatever else the rig lacks.
+    compare : ``change``: find what changed from the first of two recordings to the second, whatever else the rig lacks
+        (``found.to_json()["changes"]``).
     jobs : threads that share the work; None: one for each core.
-    progress : True shows a bar; a function is called with the share of the stages done, 0 to 1, and what is being done.
-    trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
+    progress : True shows a bar; a function is called with the share of the stages done, 0 to 1, and the present stage.
+    trust_units : skip the check that the sizes of the channels are possible for the rig.
 
-    In a notebook or at a prompt an interruption (Ctrl-C) gives what is known so far, marked as stopped
+    In a notebook or at a prompt an interruption (Ctrl-C) returns the result so far, marked as stopped
     (:attr:`Found.stopped`), once the rig is recalibrated; a second one ends it.
 
     Raises
     ------
-    KeyboardInterrupt : it was interrupted in a script, or before anything was known.
+    KeyboardInterrupt : the diagnosis was interrupted in a script, or before the rig was recalibrated.
     UserError : a channel looks to be in a wrong unit; no channel of the rig was recorded, or a recording has none; an
         integrating part not measured, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.

@@ -29,13 +29,13 @@ WITHIN = 2.0
 
 
 def file() -> Path:
-    """Where durations are kept: in the user's cache folder."""
+    """Return the path of the file of durations, in the user's cache folder."""
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "dtbacklash" / "durations.json"
 
 
 class Durations:
-    """What is known of the time that a diagnosis takes.
+    """Durations of earlier diagnoses of a kind, and the time that one takes now.
 
     kind : what diagnoses have to share to be compared. size : the time is proportional to it (samples).
     """
@@ -47,14 +47,14 @@ class Durations:
         self._stage = ""
 
     def reached(self, share: float) -> None:
-        """A stage, by the share of the stages that are done."""
+        """Note that a stage begins, by the share of the stages that are done."""
         stage = f"{share:.3f}"
         if stage != self._stage:
             self._stage = stage
             self._begins[stage] = self._clock() - self._begun_s
 
     def left(self) -> float | None:
-        """Seconds until the end, where the earlier ones leave no more than a factor of two to it; else None."""
+        """Return the seconds until the end, if the earlier ones agree within a factor of two; else None."""
         if not self._stage:
             return None
         since = self._clock() - self._begun_s - self._begins[self._stage]
@@ -67,7 +67,7 @@ class Durations:
         return math.sqrt(min(left) * max(left))
 
     def keep(self) -> None:
-        """Keep how long this one took, which has ended; where nothing can be written, nothing is kept."""
+        """Write the duration of this diagnosis, which has ended; nothing if the file cannot be written."""
         took = {"size": self._size, "begins": self._begins, "all": self._clock() - self._begun_s}
         known = _read()
         known[self._kind] = [*known.get(self._kind, []), took][-KEPT:]
@@ -90,7 +90,7 @@ def _read() -> dict[str, list[dict[str, Any]]]:
 def timed(
     tell: Tell, rig: Rig, recordings: Recording | Sequence[Recording], depth: str, jobs: int
 ) -> Iterator[Callable[[float, str], None]]:
-    """Give what is told of a diagnosis to ``tell``, with the time left where it is known; keep how long it took."""
+    """Pass the progress of a diagnosis on to ``tell``, with the time left if it is known; keep its duration."""
     from dtbacklash.recording import Recording
 
     each = [recordings] if isinstance(recordings, Recording) else recordings

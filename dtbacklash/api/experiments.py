@@ -35,7 +35,7 @@ Tell = Callable[[float, str], None]
 
 
 def isolable(config: IsolabilityConfig, jobs: int = 1, tell: Tell | None = None) -> Isolability:
-    """What a planned experiment would show. jobs : threads that share the work.
+    """Predict what a planned experiment would show. jobs : threads that share the work.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _only(recording: Recording, config: IsolabilityConfig) -> Recording:
 def isolability(
     *overrides: str, rig: RigLike | None = None, jobs: int | None = None, progress: ShowProgress = False
 ) -> Isolability:
-    """What a planned experiment would show, and what it would confuse: ``dtb isolability`` without files.
+    """Predict what a planned experiment would show and confuse: ``dtb isolability`` without files.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def isolability(
 
 
 def design(found: str | Path, *overrides: str, jobs: int | None = None, progress: ShowProgress = False) -> Design:
-    """The experiment that tells apart what a diagnosis left open: ``dtb design FOLDER`` without files.
+    """Design the experiment that decides between the models of a diagnosis: ``dtb design FOLDER`` without files.
 
     Parameters
     ----------
@@ -154,8 +154,8 @@ def design(found: str | Path, *overrides: str, jobs: int | None = None, progress
 
     Returns
     -------
-    ``best.u`` is the command, (N,) in the rig's unit, a sample of the recording each; ``best.apart`` by how much each
-    rival would miss it, -2 log likelihood.
+    The design. ``best.u`` is the command, (N,) in the rig's unit, one value for each sample; ``best.apart`` is the
+    distance of each alternative from the found rig, -2 log likelihood.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def design(found: str | Path, *overrides: str, jobs: int | None = None, progress
 
 
 def experiment(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) -> tuple[Design, Rivalry]:
-    """The experiment that tells apart what a diagnosis left open, and the models. jobs : threads that share the work.
+    """Design an experiment, and return the models that it decides between. jobs : threads that share the work.
 
     Raises
     ------

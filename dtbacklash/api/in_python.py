@@ -16,7 +16,7 @@ _MAPPING = re.compile(r"MAPPING\.yaml: \{files: \[FILE\], time: (\S+), channels:
 
 @contextmanager
 def speaks_python() -> Iterator[None]:
-    """Errors that are raised in it name arguments."""
+    """Let errors that are raised inside name the arguments of Python."""
     try:
         yield
     except UserError as error:
@@ -27,7 +27,7 @@ def speaks_python() -> Iterator[None]:
 
 
 def in_python(text: str) -> str:
-    """A message with the arguments of Python for the settings of the command line.
+    """Return a message with the arguments of Python in place of the settings of the command line.
 
     >>> in_python("give recording.units.q3=mm or recording.trust_units=true if they are right")
     "give units={'q3': 'mm'} or trust_units=True if they are right"

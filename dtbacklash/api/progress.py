@@ -43,7 +43,7 @@ class Tell(Protocol):
 
 
 class Remaining(ProgressColumn):
-    """The time left where it is known within a factor of two: by who does the work, or by the pace until now."""
+    """Column with the time left, if the work itself or the pace until now determines it within a factor of two."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -52,12 +52,12 @@ class Remaining(ProgressColumn):
         self._left: Left | None = None
 
     def told(self, share: float, left: Left | None = None) -> None:
-        """The share done, and who knows what is left."""
+        """Take the share done, and a function that returns the time left."""
         self._left = left
         self._told.append((time.monotonic() - self._begun, share))
 
     def seconds(self) -> float | None:
-        """The time left, s; None where it is not known."""
+        """Return the time left, s; None if it is not known."""
         return self._left() if self._left else self._by_pace()
 
     def _by_pace(self) -> float | None:
@@ -162,7 +162,7 @@ def progress(what: str) -> Iterator[Tell]:
 
 
 def cores_of(jobs: int | None) -> int:
-    """How many threads share the work; None: one for each core. Raises UserError: no whole number above 0."""
+    """Return the number of threads; None: one for each core. Raises UserError: no whole number above 0."""
     if jobs is not None and not (isinstance(jobs, int) and jobs > 0):
         raise UserError("jobs", jobs, "must be a whole number above 0")
     return jobs or os.cpu_count() or 1

@@ -37,21 +37,21 @@ def read_recording(
     path : the file of a mapping, where it is not in the usual places.
     part : the part of a mapping; None: its part ``train`` if it has one, else all.
     sample_time_s : for a file without a time column, s.
-    units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where nothing
-        is said, SI holds; what each channel was read in stands in ``assumed_units``.
-    trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do.
-    command : what ``u`` does between two samples: ``held``, ``band_limited``; ``none``: there was none, and a column
-        ``u`` is not needed. None: as the mapping says, else held.
+    units : channel -> unit of its column (``{"q3": "mm"}``); overrules mapping, header and rig. Without any of them
+        values are in SI. ``assumed_units`` of the result lists the unit of each channel.
+    trust_units : a diagnosis skips the check that the sizes of the channels are possible for the rig.
+    command : course of ``u`` between two samples: ``held`` or ``band_limited``; ``none``: there was no command, and a
+        column ``u`` is not needed. None: as the mapping says, else held.
     rows : first row and the one after the last, counted from 0; None: all.
 
     Returns
     -------
-    The recording in SI on a uniform grid: ``t_s`` (N,), ``channels`` name -> (N,), ``units``, and ``notes`` of what was
-    found and how it was handled.
+    The recording in SI on a uniform grid: ``t_s`` (N,), ``channels`` name -> (N,), ``units``, and ``notes`` of
+    defects and their treatment.
 
     Raises
     ------
-    UserError : nothing there, nothing readable, or a defect that cannot be handled.
+    UserError : there is no such file, it cannot be read, or it has a defect that cannot be repaired.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def read_recording(
 
 
 def plot_recording(recording: Recording) -> Figure:
-    """Draw the channels of a recording as they were read, a panel each, without pyplot.
+    """Draw the channels of a recording as they were read, in a panel each, without pyplot.
 
     Examples
     --------

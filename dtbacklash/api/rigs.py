@@ -36,7 +36,7 @@ def load_rig(rig: RigLike, *changes: str) -> Rig:
 
     Raises
     ------
-    UserError : no such rig, or something in it is wrong; it names the key, the value and what is allowed.
+    UserError : no such rig, or a mistake in it; the error names the key, the value and what is allowed.
 
     Examples
     --------
@@ -80,16 +80,16 @@ def save_rig(rig: Rig, path: str | Path) -> Path:
 
 
 def called(rig: RigConfig) -> str | None:
-    """The option of ``rig=`` that is this rig, with nothing changed in it; None if there is none."""
+    """Return the option of ``rig=`` that equals this rig; None if there is none."""
     if rig.name in options("rig") and compose("controller=open_loop", f"rig={rig.name}").rig == rig:
         return rig.name
     return None
 
 
 def composed(words: list[str], rig: RigLike | None, model: RigLike | None = None) -> RunConfig:
-    """The configuration of ``dtb run`` with these words, on this rig (None: that of the words, else the default).
+    """Compose the configuration of ``dtb run`` with these words, on this rig (None: that of the words or the default).
 
-    model : what is believed of it, as ``rig``.
+    model : the rig that controller and twin believe in.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def composed(words: list[str], rig: RigLike | None, model: RigLike | None = None
 
 
 def description(rig: RigLike) -> Mapping[str, Any]:
-    """What the YAML file of a rig holds; plain numbers, texts, lists and mappings.
+    """Return the content of the YAML file of a rig: plain numbers, texts, lists and mappings.
 
     Raises
     ------

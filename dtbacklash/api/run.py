@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Run:
-    """What :func:`run` gives. ``print(result)`` shows the moves, the estimates and what sums them up.
+    """Result of :func:`run`. ``print(result)`` shows the moves, the estimates and a summary.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Run:
 
     @property
     def trace(self) -> pd.DataFrame:
-        """A row a sample, N+1 of them, with the true values: the rig's own channels, each with its unit in its name.
+        """True values of the rig's channels: N+1 rows, one for each sample; each column has its unit in its name.
 
         Columns of the lead screw: ``t_s, r_mm, q3_mm, u_v, theta_m_rad, theta_d_rad, gap_deg, gap_hat_deg, eps_mm,
         novelty_mm``, and one for each further sensor. In open loop there is no reference ``r_mm``, and nothing of a
@@ -46,15 +46,15 @@ class Run:
 
     @property
     def moves(self) -> pd.DataFrame:
-        """A row a move: ``move, t_s, from_mm, to_mm, overshoot_pct, settling_time_s, peak_voltage_v``.
+        """A row for each move: ``move, t_s, from_mm, to_mm, overshoot_pct, settling_time_s, peak_voltage_v``.
 
-        A settling time that is NaN: the move never settles. Empty in open loop.
+        The settling time is NaN if the move never settles. Empty in open loop.
         """
         return self.data.moves
 
     @property
     def estimates(self) -> pd.DataFrame:
-        """A row an attempt of the twin.
+        """A row for each attempt of the twin.
 
         Columns ``t_event_s, t_applied_s, gap_deg, true_gap_deg, accepted, reason, cost, evaluations, wall_s,
         std_deg, applied_deg``; the cost in mm².
@@ -78,24 +78,24 @@ class Run:
 
     @property
     def design(self) -> DesignedLoop | None:
-        """The controller with what it was designed for, with ``margins()`` and ``curves()``; None in open loop."""
+        """The controller and its design model, with ``margins()`` and ``curves()``; None in open loop."""
         return self.data.design
 
     @property
     def recording(self) -> Recording:
-        """What the sensors saw, with their noise and counts, in SI: N+1 samples of ``r``, ``u`` and each sensor."""
+        """Measured signals with noise and counts, in SI: N+1 samples of ``r``, ``u`` and each sensor."""
         from dtbacklash.closed_loop_check import recording_of
 
         return recording_of(self.data)
 
     def plot(self) -> Figure:
-        """Everything over time: reference and output, gap and estimate, voltage. A figure without pyplot."""
+        """Draw reference and output, gap and estimate, and voltage over time, without pyplot."""
         from dtbacklash.report.run.page import overview
 
         return overview(self.data, self.moves)
 
     def save(self, folder: str | Path) -> Path:
-        """Write what ``dtb run`` writes, complete or not at all; an earlier run there is replaced.
+        """Write the files of ``dtb run``, complete or not at all; an earlier run there is replaced.
 
         Files: ``summary.json, metrics.csv, estimates.csv, trace.parquet, figures/*.png, report.html``.
 
@@ -150,12 +150,12 @@ def run(
     overrides : settings as on the command line: ``"controller=imc"``, ``"twin.delay_s=0"``,
         ``"rig.parameters.k.value=9000"``. All of them: docs/configuration.md.
     rig : a rig, a name, the path of a YAML file, or a mapping; default: ``lead_screw``.
-    model : what controller and twin believe of it, as ``rig``; default: its own parameters without its effects.
+    model : the rig that controller and twin believe in; default: the parameters of ``rig`` without its effects.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and a text.
 
     Raises
     ------
-    UserError : a setting is wrong; it names key, value and what is allowed. Diverged : the loop is unstable.
+    UserError : a setting is wrong; the error names key, value and what is allowed. Diverged : the loop is unstable.
 
     Examples
     --------

@@ -135,7 +135,7 @@ def close_and_write(config: RunConfig, folder: Path, command: str, tell: Tell | 
 
 
 def closed_summary(config: RunConfig, closed: Closed, command: str) -> dict[str, Any]:
-    """What ``summary.json`` holds: the figures of the loop that believes in what was found, and the table."""
+    """Return the content of ``summary.json``: the figures of the loop that believes in the found rig, and the table."""
     both = closed.runs["both"]
     keys = ("controller", "overshoot_pct_max", "settling_time_s_max", "peak_voltage_v", "n_estimations", "n_accepted")
     figures = {key: both.summary[key] for key in keys} if both is not None else {"controller": config.controller.name}
@@ -158,7 +158,7 @@ def write(result: RunResult, folder: Path) -> None:
 
 
 def recording_columns(result: RunResult) -> pd.DataFrame:
-    """What the sensors saw in the plain columns of a file: ``t`` s, ``r``, ``u`` V, the sensors.
+    """Return the measured signals in the plain columns of a file: ``t`` s, ``r``, ``u`` V, the sensors.
 
     Each is in the unit that the rig declares for its recordings, ``r`` in that of the output's sensor (in open loop V).
     """
@@ -177,7 +177,7 @@ def check_recording(config: RunConfig) -> None:
 
 
 def save_recording(result: RunResult) -> None:
-    """Write what the sensors saw to ``recording.save``, by way of a hidden neighbour."""
+    """Write the measured signals to ``recording.save``, through a hidden file beside it."""
     wanted = result.config.recording.save
     if wanted is None:
         return
@@ -190,7 +190,7 @@ def save_recording(result: RunResult) -> None:
 
 
 def command_of(overrides: Sequence[str], rig: object = None, model: object = None) -> str | None:
-    """The command line that repeats a run, quoted for a shell; None if a rig in it is neither a name nor a file."""
+    """Return the command line that repeats a run, quoted for a shell; None if a rig is neither a name nor a file."""
     given = {group: one for group, one in (("rig", rig), ("model", model)) if one is not None}
     if any(not isinstance(one, (str, Path)) for one in given.values()):
         return None

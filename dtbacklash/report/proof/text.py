@@ -63,6 +63,17 @@ def rig_rows(score: Score) -> list[list[str]]:
     return found
 
 
+def rig_counts(score: Score) -> list[list[str]]:
+    """The counts of each rig: a row a figure, a column a rig, empty where nothing was counted."""
+    counts: dict[str, dict[str, str]] = {}
+    for rig, figures in score.rigs.items():
+        for f in figures:
+            if f.of:
+                stars = "**" if f.bar is not None and f.met is False else ""
+                counts.setdefault(f.what, {})[rig] = f"{stars}{f.right}/{f.of}{stars}"
+    return [[what, *(of.get(rig, "") for rig in score.rigs)] for what, of in counts.items()]
+
+
 def quantity_row(q: Quantity) -> list[str]:
     """A distribution's row: what, median, 90 % quantile, unit, cases, bar, verdicts of both."""
     bar = "" if q.at_most is None else f"at most {number(q.at_most)}"
@@ -108,8 +119,7 @@ def markdown(score: Score) -> str:
         f"{score.cases} recordings{small}: {kinds}. {which_seeds(score)}{failed}\n",
         table(("figure", "share", "count", "95 % interval", "bar", "", "over all sizes"),
               map(figure_row, score.figures)),
-        *([table(("rig", "figure", "share", "count", "95 % interval", "bar", "", "over all sizes"), rig_rows(score))]
-          if score.rigs else []),
+        *([table(("count of each rig, **bold** below its bar", *score.rigs), rig_counts(score))] if score.rigs else []),
         table(("figure", "median", "90 % quantile", "unit", "cases", "bar", ""), map(quantity_row, score.quantities)),
         *([table(("confidence", "part of the rig", "names that are right", "count", "95 % interval"),
                  reliability_rows(score))] if score.reliability else []),

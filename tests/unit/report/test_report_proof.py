@@ -27,7 +27,7 @@ from dtbacklash.report.proof.figures import (
     shares_figure,
     visibility_figure,
 )
-from dtbacklash.report.proof.text import terminal
+from dtbacklash.report.proof.text import rig_counts, terminal
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
@@ -130,6 +130,10 @@ def test_every_bar_of_the_page_is_coloured_by_whether_it_is_met(cases, tmp_path,
     assert page.count('<span class="good">pass</span>') == met.count(True)
     assert page.count('<span class="bad">miss</span>') == met.count(False)
     assert "**" not in page
+    of_rigs = [f for figures in found.rigs.values() for f in figures if f.of]
+    counts = [cell for _, *row in rig_counts(found) for cell in row if cell]
+    assert sorted(cell.strip("*") for cell in counts) == sorted(f"{f.right}/{f.of}" for f in of_rigs)
+    assert sum(cell.startswith("**") for cell in counts) == sum(f.met is False for f in of_rigs)
 
 
 def test_the_page_lists_what_went_wrong(tmp_path, undrawn):
@@ -189,7 +193,8 @@ def test_no_figure_of_the_comparison_is_typed_by_hand(tmp_path):
     for _ in range(2):
         alternatives.write_docs([row], 1, 7, tmp_path)
     made = (tmp_path / "proof.md").read_text(encoding="utf-8")
-    assert "| 7 gear.backlash: NARX | ran away | 2 |" in made
+    assert "- NARX: median held-out error theta_m inf, q3 2 noise floors; 0.5 s; names 0 things" in made
+    assert read_json(tmp_path / "proof" / "alternatives.json")["rows"] == [row | {"theta_m_floors": "inf"}]
     assert "--n 1 --seed 7" in made
     assert made.startswith("before\n")
     assert made.endswith("\nafter\n")

@@ -14,7 +14,9 @@ TRUE = Secret(
     7, "lead_screw", "single", [{"location": "gear", "effect": "backlash", "parameters": {"half_gap": 0.00646}}]
 )
 FOUND = {
-    "verdict": "missing_physics", "summary": "The gear has backlash of 0.00643 rad to each side.",
+    "verdict": "missing_physics",
+    "summary": "The gear has backlash of 0.00643 rad to each side. Left: q 1.2 mm (9 %), v 1 (3 %). "
+    "Unknown force left: 0.2 N at the mass 2, 22 % of what acts on it. It is worn.",
     "findings": [{
         "location": "gear", "effect": "backlash", "sentence": "", "when": "",
         "parameters": {"half_gap": {"value": 0.00643, "unit": "rad", "ci95": [0.00599, 0.00687]}},
@@ -57,7 +59,7 @@ def test_an_exhibit_says_what_was_hidden_and_what_was_found(tmp_path):
     text = (tmp_path / "gallery.md").read_text(encoding="utf-8")
     for said in (
         "## A worn gear",
-        "- Said: **missing physics**. The gear has backlash of 0.00643 rad to each side.",
+        "- Diagnosed: **missing physics**. The gear has backlash of 0.00643 rad to each side. It is worn.",
         "| `gear` half_gap | 6.46 mrad | 6.4 ± 0.4 mrad |",
         "| `k` | 10000 N/m | 9310 ± 20 N/m |",
         "This recording cannot tell it from: delay at sensor_q3.",
