@@ -8,12 +8,12 @@ BIN := .venv/bin
 # what runs need, and what work on the code needs beside it
 READY := .venv/.ready
 ALL := .venv/.all
-# the compiled core; made anew where its sources have changed
+# the compiled libraries; made anew where their sources have changed
 CORE := .venv/.core
 # a complete lock needs no search for what fits, and what nobody imports needs no bytecode
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile
 
-.PHONY: run warm test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
+.PHONY: run test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
 run: $(CORE)
 	$(BIN)/dtb run controller=nimc_twin
@@ -24,10 +24,6 @@ TEST := $(BIN)/python -m pytest -n 2 --dist loadscope
 
 test: $(ALL)
 	$(TEST)
-
-# compile the oracle of the core and the simulator of concealed recordings, once; tests do it where it is missing
-warm: $(ALL)
-	$(BIN)/python tests/warm.py > /dev/null
 
 # what a change has to pass, all that CI runs
 check: lint typecheck site test check-more
@@ -103,7 +99,7 @@ $(READY): requirements.lock pyproject.toml hatch_build.py
 	$(INSTALL) --no-build-isolation -e .
 	@touch $(READY)
 
-$(CORE): $(wildcard dtbacklash/core/*.[ch]) dtbacklash/core/build.py $(READY)
+$(CORE): $(wildcard dtbacklash/core/*.[ch] dtbacklash/prove/simulator/*.[ch]) dtbacklash/core/build.py $(READY)
 	@$(BIN)/python -m dtbacklash.core.build
 	@touch $(CORE)
 
@@ -112,6 +108,6 @@ $(ALL): requirements-all.lock $(CORE)
 	@touch $(ALL)
 
 clean:
-	rm -f dtbacklash/core/_core.so dtbacklash/core/_declared.py
+	rm -f dtbacklash/core/_core.so dtbacklash/prove/simulator/_simulator.so dtbacklash/*/_declared.py dtbacklash/*/*/_declared.py
 	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
