@@ -19,7 +19,9 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h")
-SOURCES = ("laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c")
+SOURCES = (
+    "laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c", "exponential.c",
+)  # fmt: skip
 LIBRARY, DECLARED = "_core.so", "_declared.py"
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
