@@ -41,7 +41,7 @@ def _export_controller(words: Sequence[str]) -> None:
     from dtbacklash.control.c99 import c_source, c_test
     from dtbacklash.control.laws import build_controller
     from dtbacklash.files import written
-    from dtbacklash.fmu.controller import write_fmu
+    from dtbacklash.fmu.controller import write_controller
     from dtbacklash.version import __version__
 
     own = {key: value for key, _, value in (word.partition("=") for word in words) if key in ("out", "fmi")}
@@ -64,8 +64,7 @@ def _export_controller(words: Sequence[str]) -> None:
     source = c_source(controller, first_rad, about)
     if path.suffix == FMU_SUFFIX:
         name = re.sub(r"\W", "_", c.name, flags=re.ASCII)
-        with written(path.absolute(), "out", str(path), parents=False) as whole:
-            write_fmu(source, name, first_rad, controller.sample_time, int(fmi), whole)
+        write_controller(source, name, about, first_rad, controller.sample_time, int(fmi), path.absolute(), str(path))
         print(f"FMI {fmi}.0, co-simulation: r, theta_m and q3 in, u out; whole steps of {controller.sample_time:g} s")
     else:
         test = path.with_name(path.stem + "_test.c")
@@ -82,17 +81,37 @@ def _export(words: Sequence[str]) -> None:
     from dtbacklash.commands.console import shown_path
     from dtbacklash.config.commands import ExportConfig
     from dtbacklash.config.compose import compose_for
-    from dtbacklash.fmu import export, interface
+    from dtbacklash.fmu import interface
+    from dtbacklash.fmu.machine import write_machine
     from dtbacklash.physics.rig import build_rig
 
-    export.check_extra()
     config = compose_for(EXPORT, ExportConfig, *words)
     if config.rig.model:
         raise UserError("rig.model", config.rig.model, "is a simulator's model already: no FMU is made of it")
-    content = interface.Export(build_rig(config.rig), config.sample_time_s, config.substeps, config.event_levels)
-    file = export.write_fmu(content, export.target(config.out, content), config.out)
-    offered = interface.variables(content.rig)
+    rig = build_rig(config.rig)
+    file = _target(config.out, interface.identifier(rig))
+    write_machine(rig, config.sample_time_s, config.substeps, config.event_levels, config.fmi, file, config.out)
+    offered = interface.variables(rig)
     for causality in (interface.INPUT, interface.OUTPUT, interface.PARAMETER):
         print(f"{causality + 's':<10} " + ", ".join(one.name for one in offered if one.causality == causality))
-    print(f"it needs dtbacklash {content.version} in the Python of whoever imports it")
+    print(f"FMI {config.fmi}.0, co-simulation; steps of whole multiples of {config.sample_time_s:g} s")
     print(shown_path(file))
+
+
+def _target(out: str | None, name: str) -> Path:
+    """Where the file goes: as chosen, else the rig's name here.
+
+    Raises
+    ------
+    UserError : a name that is none of an FMU, a folder, a file in a folder that does not exist.
+    """
+    if out is None:
+        return Path(name + FMU_SUFFIX).absolute()
+    path = Path(out).expanduser()
+    if path.is_dir():
+        raise UserError("out", out, "is a folder; give a file name")
+    if path.suffix != FMU_SUFFIX:
+        raise UserError("out", out, f"must end in {FMU_SUFFIX}")
+    if not path.absolute().parent.is_dir():
+        raise UserError("out", out, "must lie in a folder that exists")
+    return path.absolute()

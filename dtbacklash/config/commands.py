@@ -139,6 +139,7 @@ class ExportConfig:
     sample_time_s: float = setting(
         0.001, "sample time of its simulation; communication steps are multiples of it", above=0, at_most=1
     )
+    fmi: int = setting(2, "version of FMI", at_least=2, at_most=3)
     substeps: int = setting(0, "steps a sample; 0: 1 where that is exact, else 8", at_least=0, at_most=10_000)
     event_levels: int = setting(16, "a contact is located to sample_time_s / substeps / 2^this", at_least=0, at_most=30)
 

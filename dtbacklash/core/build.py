@@ -21,7 +21,9 @@ from typing import NamedTuple
 
 HERE = Path(__file__).parent
 HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h")
-SOURCES = ("laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c")
+SOURCES = (
+    "laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c", "exponential.c",
+)  # fmt: skip
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
 #: GCC's: loops run over a few states as they are written, not in vectors with a rest, nor as calls of memset

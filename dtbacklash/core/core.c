@@ -13,3 +13,4 @@
 #include "control.c"
 #include "indexes.c"
 #include "loop.c"
+#include "exponential.c"

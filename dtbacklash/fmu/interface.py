@@ -1,19 +1,17 @@
-"""The variables of a rig's FMU: inputs, outputs and parameters, with units; needs no FMI library."""
+"""The variables of a rig's FMU: inputs, outputs and parameters, with units."""
 
 from __future__ import annotations
 
-import json
+import math
 import re
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from dtbacklash import units
 from dtbacklash.experiment.sensors import column, trace_factor
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.physics.rig_file import rig_of
-from dtbacklash.version import __version__
+from dtbacklash.physics.element_kinds import KINDS
+from dtbacklash.physics.rig import MAY_BE_ZERO, SENSOR_PREFIX, Rig
 
 INPUT, OUTPUT, PARAMETER = "input", "output", "parameter"
 COMMAND, GAP, SCREW = "u_v", "gap_deg", "theta_d_rad"
@@ -32,7 +30,9 @@ class Variable:
     """One variable: its name in the FMU, its unit (empty: none), its causality, what it is, and where it begins.
 
     path : of a parameter, where it stands in the rig: ``("parameters", name)`` or ``("effects", place, effect, name)``.
-    index, factor : of an output, its place among the machine's values, and what makes its unit of SI.
+    least, most : between which an input or a parameter may be; above : but not at the least. tunable : a parameter that
+    may be set at any time. index, factor : of an output, its place among the machine's values, and what makes its unit
+    of SI.
     """
 
     name: str
@@ -41,43 +41,23 @@ class Variable:
     description: str
     start: float = 0.0
     path: tuple[str, ...] = ()
+    least: float = -math.inf
+    most: float = math.inf
+    above: bool = False
+    tunable: bool = False
     index: int = 0
     factor: float = 1.0
 
-
-@dataclass(frozen=True)
-class Export:
-    """The data in an FMU beside its description: all that its step needs, and the version that wrote it."""
-
-    rig: Rig
-    sample_time_s: float = 1e-3
-    substeps: int = 0
-    event_levels: int = 16
-    version: str = __version__
-
     @property
-    def identifier(self) -> str:
-        """The rig's name as an identifier of C."""
-        return re.sub(r"\W", "_", self.rig.config.name, flags=re.ASCII).lstrip("0123456789_") or "rig"
+    def variability(self) -> str:
+        """As FMI calls it."""
+        fixed = "tunable" if self.tunable else "fixed"
+        return fixed if self.causality == PARAMETER else "continuous"
 
-    def text(self) -> str:
-        """The export as JSON; numbers with all their digits."""
-        content = {name: getattr(self, name) for name in ("version", "sample_time_s", "substeps", "event_levels")}
-        return json.dumps(content | {"rig": asdict(self.rig.config)}, indent=1, allow_nan=False)
 
-    @classmethod
-    def of(cls, text: str) -> Export:
-        """The export whose :meth:`text` this is.
-
-        Raises
-        ------
-        RuntimeError : another version of the package wrote it.
-        """
-        content: dict[str, Any] = json.loads(text)
-        if content["version"] != __version__:
-            have = f"this Python has dtbacklash {__version__}, and the FMU was exported by {content['version']}"
-            raise RuntimeError(f"{have}: pip install dtbacklash=={content['version']}, or export it anew")
-        return cls(rig=rig_of(content.pop("rig")), **content)
+def identifier(rig: Rig) -> str:
+    """The rig's name as an identifier of C."""
+    return re.sub(r"\W", "_", rig.config.name, flags=re.ASCII).lstrip("0123456789_") or "rig"
 
 
 def variables(rig: Rig) -> list[Variable]:
@@ -89,7 +69,7 @@ def _inputs(rig: Rig) -> Iterator[Variable]:
     yield Variable(COMMAND, "V", INPUT, "command, held over the communication step")
     if rig.only("gear"):
         about = "half-gap beside the rig's own, reached at the end of the step's first sample (0 to 360)"
-        yield Variable(GAP, "deg", INPUT, about)
+        yield Variable(GAP, "deg", INPUT, about, least=0.0, most=GAP_MOST_DEG)
 
 
 def _outputs(rig: Rig) -> Iterator[Variable]:
@@ -103,9 +83,12 @@ def _outputs(rig: Rig) -> Iterator[Variable]:
 
 
 def _parameters(rig: Rig) -> Iterator[Variable]:
+    fields = [(spec[f], f) for spec in rig.config.elements.values() for f in values_of(spec["kind"]) if f in spec]
+    used, above = {name for name, _ in fields}, {name for name, field in fields if not field.endswith(MAY_BE_ZERO)}
     for name, parameter in rig.config.parameters.items():
-        path = ("parameters", name)
-        yield Variable(_dotted(path), parameter.unit, PARAMETER, parameter.description, float(parameter.value), path)
+        path, value, about = ("parameters", name), float(parameter.value), parameter.description
+        least = 0.0 if name in used else -math.inf
+        yield Variable(_dotted(path), parameter.unit, PARAMETER, about, value, path, least, above=name in above)
     for place, there in rig.effects.items():
         if place.startswith(SENSOR_PREFIX):  # true values do not show what a sensor makes of them
             continue
@@ -115,32 +98,19 @@ def _parameters(rig: Rig) -> Iterator[Variable]:
             for name, value in values.items():
                 where = ("effects", place, effect, name)
                 about = f"{effect.replace('_', ' ')} at {place}: {known[effect].law}"
-                yield Variable(_dotted(where), declared[name].unit, PARAMETER, about, value, where)
+                one = declared[name]
+                yield Variable(_dotted(where), one.unit, PARAMETER, about, value, where, one.low, one.high)
+
+
+def values_of(kind: str) -> list[str]:
+    """The fields of a kind of element that name a parameter."""
+    return [*KINDS[kind].required, *KINDS[kind].optional]
 
 
 def _dotted(path: tuple[str, ...]) -> str:
     """A path as a structured name of FMI 2.0: a part that is not an identifier stands in quotes."""
     plain = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
     return ".".join(part if plain.fullmatch(part) else "'" + part.replace("'", "\\'") + "'" for part in path)
-
-
-def changed(rig: Rig, values: dict[tuple[str, ...], float]) -> Rig:
-    """The rig with other values of its parameters, by their paths.
-
-    Raises
-    ------
-    UserError : a value that the rig may not have.
-    """
-    own = {path[1]: value for path, value in values.items() if path[0] == "parameters"}
-    rig = rig.with_parameters(own) if own else rig
-    effects: dict[tuple[str, str], dict[str, float]] = {}
-    for path, value in values.items():
-        if path[0] == "effects":
-            place, effect, name = path[1:]
-            effects.setdefault((place, effect), dict(rig.effects[place][effect]))[name] = value
-    for (place, effect), leaves in effects.items():
-        rig = rig.with_effect(place, effect, leaves)
-    return rig
 
 
 def base_unit(unit: str) -> dict[str, float] | None:

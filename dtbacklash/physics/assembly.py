@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class Entries:
             self.decays.append(1.0 / values[decay] if decay else 0.0)
         self._places[slot].append(there)
 
-    def arrays(self) -> tuple[Ints, Ints, Ints, Floats]:
+    def arrays(self, number: Any = float) -> tuple[Ints, Ints, Ints, Floats]:
         """``slot``, ``first``, ``law`` and ``law_p`` of :class:`~dtbacklash.physics.kernel.plant.Plant`."""
         slots, first, laws, parameters = [], [0], [], []
         for slot in range(pl.N_SLOTS):
@@ -83,7 +84,7 @@ class Entries:
         return (
             np.array(slots, dtype=np.int64), np.array(first, dtype=np.int64),
             np.array(laws, dtype=np.int64).reshape(-1, 2),
-            np.array(parameters, dtype=float).reshape(-1, ROW_PARAMETERS),
+            np.array(parameters, dtype=number).reshape(-1, ROW_PARAMETERS),
         )  # fmt: skip
 
 
@@ -113,7 +114,7 @@ def compile_plant(
     entries = _entries(parts, circuit, first_aux)
     drive = None if imposed else rig.drive
     row = _drive_row(rig, drive)
-    limited = bool(np.isfinite(row[[pl.C_ASKED, pl.C_LARGEST]]).any())
+    limited = any(map(math.isfinite, row[[pl.C_ASKED, pl.C_LARGEST]]))
     forced = entries.forced or limited
     if where_forced and forced:
         substeps, event_levels = where_forced
@@ -124,13 +125,13 @@ def compile_plant(
     sensors = _sensor_rows(parts, circuit)
     A, G = _continuous(parts, circuit, entries.decays, screw)
     A, G = _filtered(rig, A, G, sensors)
-    E, P1, P2 = discretise(A, G, sample_time_s / substeps, event_levels + 1)
+    E, P1, P2 = discretise(np.asarray(A, float), np.asarray(G, float), sample_time_s / substeps, event_levels + 1)
     delay = _delay(rig, sample_time_s, substeps << event_levels)
     looks = _sensor_delays(rig, sample_time_s, substeps << event_levels)
-    slot, first, law, law_p = entries.arrays()
+    slot, first, law, law_p = entries.arrays(rig.number)
     return Plant(
         E=E, P1=P1, P2=P2, A=A, G=G, slot=slot, first=first, law=law, law_p=law_p,
-        link=np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK),
+        link=np.array(parts.link, dtype=rig.number).reshape(-1, pl.N_LINK),
         link_ends=_ends(parts.link_ends), friction_ends=_ends([contact.ends for contact in parts.contacts]),
         circuit=row, screw=screw,
         sensor=sensors, sensor_whole=looks[0], sensor_tick=looks[1], sensor_part=looks[2],
@@ -200,7 +201,7 @@ def _drive_row(rig: Rig, drive: Element | None) -> Floats:
     ------
     UserError : a limit of the speed that a servo without speed_gain would ask for.
     """
-    row = np.zeros(pl.N_CIRCUIT)
+    row = np.zeros(pl.N_CIRCUIT, dtype=rig.number)
     row[pl.C_ASKED] = row[pl.C_LARGEST] = math.inf
     if drive is None:
         return row
@@ -226,7 +227,8 @@ def _lag(rig: Rig, drive: Element | None) -> float:
 
 
 def _screw_row(parts: Parts) -> Floats:
-    rig, row = parts.rig, np.zeros(pl.N_SCREW)
+    rig = parts.rig
+    row = np.zeros(pl.N_SCREW, dtype=rig.number)
     screw, rotor = rig.only("screw"), rig.motor_rotor()
     if positioner := rig.only("positioner"):
         row[pl.S_LEAD] = positioner.values["travel"]
@@ -247,7 +249,7 @@ NO_PART = 1e-6
 def _delay(rig: Rig, sample_time_s: float, ticks: int) -> tuple[int, int, float]:
     """The amplifier's delay: whole samples, ticks, and a part of one."""
     amplifier = rig.only("amplifier")
-    total = (rig.amount(amplifier.name, slots.Late, "time") if amplifier else 0.0) / sample_time_s * ticks
+    total = (float(rig.amount(amplifier.name, slots.Late, "time")) if amplifier else 0.0) / sample_time_s * ticks
     whole = int(total + NO_PART)
     part = max(total - whole, 0.0)
     return whole // ticks, whole % ticks, part if part > NO_PART else 0.0
@@ -299,7 +301,7 @@ def _continuous(parts: Parts, circuit: Element | None, decays: list[float], scre
     lag = _lag(rig, None if parts.imposed else drive)
     n = first + 2 * nb + n_aux + (1 if lag else 0)
     q, v = slice(first, first + nb), slice(first + nb, first + 2 * nb)
-    A, G = np.zeros((2, n, n)), np.zeros((2, pl.CH_F + nb + n_aux, n))
+    A, G = (np.zeros((2, rows, n), dtype=rig.number) for rows in (n, pl.CH_F + nb + n_aux))
     lead, share, r = screw[pl.S_LEAD], screw[pl.S_SHARE], parts.rotor
     for contact in (0, 1):
         inertia = b.inertia.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +108,7 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     inertia = {e.name: e.values[e.trait.inertia] for e in simulated}
     hidden = hidden_bodies(rig)
     inertia |= {name: mass for name, (_, mass, _, _) in hidden.items()}
-    parts = Parts(rig, _no_springs(inertia), base, imposed)
+    parts = Parts(rig, _no_springs(inertia, rig.number), base, imposed)
     bodies = parts.bodies
     parts.rotor = bodies.names.index(motor.name) if motor and motor.name in bodies.names else -1
     axial = screw_spring(rig)
@@ -115,7 +116,7 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
         bodies.connect(pl.BASE, bodies.names.index(carried), *axial)
     for element in rig.bodies():
         ground = element.values.get("ground_stiffness", 0.0), element.values.get("ground_damping", 0.0)
-        if any(ground):
+        if {"ground_stiffness", "ground_damping"} & set(element.values):
             bodies.connect(pl.GROUND, bodies.end(element.name, base), *ground)
     for name, (host, _, k, c) in hidden.items():
         bodies.connect(bodies.end(host, base), bodies.names.index(name), k, c)
@@ -148,7 +149,7 @@ def screw_spring(rig: Rig) -> tuple[float, float] | None:
     if not carried:
         raise UserError(f"rig.effects.{screw.name}.compliance", compliance, "a screw that carries a mass")
     stiffness = 1.0 / compliance
-    return stiffness, 2.0 * SCREW_DAMPING_RATIO * math.sqrt(stiffness * rig.elements[carried].values["mass"])
+    return stiffness, 2.0 * SCREW_DAMPING_RATIO * np.sqrt(stiffness * rig.elements[carried].values["mass"])
 
 
 def _base(rig: Rig) -> str | None:
@@ -161,11 +162,11 @@ def _base(rig: Rig) -> str | None:
     return screw.neighbours.get("carries")
 
 
-def _no_springs(inertia: dict[str, float]) -> Bodies:
-    n = len(inertia)
-    return Bodies(
-        list(inertia), np.array(list(inertia.values())), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    )
+def _no_springs(inertia: dict[str, float], number: Any) -> Bodies:
+    n, masses = len(inertia), np.array(list(inertia.values()), dtype=number)
+    K, C = np.zeros((2, n, n), dtype=number)
+    base_k, base_c = np.zeros((2, n), dtype=number)
+    return Bodies(list(inertia), masses, K, C, base_k, base_c)
 
 
 def hidden_bodies(rig: Rig) -> dict[str, tuple[str, float, float, float]]:

@@ -15,6 +15,8 @@ from dtbacklash.physics.element_kinds import AXES, GROUND, KINDS, LINEAR, OPTION
 SENSOR_PREFIX = "sensor_"
 #: what a sensor's zero is called at its place
 ZERO = "zero"
+#: fields of elements whose names end so may be 0; all others are above
+MAY_BE_ZERO = ("damping", "stiffness")
 Effects = dict[str, dict[str, dict[str, float]]]
 #: per recording, by its number: title -> value, SI
 Own = tuple[dict[str, float], ...]
@@ -76,6 +78,7 @@ class Rig:
     effects : their values. tolerances : of those of their parameters that have one, relative, one standard deviation;
     an effect with a tolerance is known, and diagnosed as the elements' parameters are. own : per recording of a
     diagnosis, what is its own, by title: ``parameter``, ``place.effect.parameter`` or ``sensor_x.zero`` -> value, SI.
+    number : dtype of the arrays that its values go into: object for numbers that record their arithmetic.
     """
 
     config: RigConfig
@@ -84,6 +87,7 @@ class Rig:
     sensors: dict[str, Sensor]
     tolerances: Effects = field(default_factory=dict)
     own: Own = ()
+    number: Any = field(default=float, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __repr__(self) -> str:
@@ -290,7 +294,7 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
     _check_gain(elements, config)
-    _gear_down(elements)
+    gear_down(elements)
     sensors = {name: _sensor(name, spec, elements) for name, spec in config.sensors.items()}
     rig = Rig(config, elements, {}, sensors, own=own)
     effects: Effects = {}
@@ -372,8 +376,7 @@ def _value(key: str, name: object, unit: str | tuple[str, ...], parameters: dict
     if parameter.unit and parameter.unit not in ((unit,) if isinstance(unit, str) else unit):
         raise UserError(f"rig.parameters.{name}.unit", parameter.unit, f"{_either(unit)}, as {key} needs it")
     value = finite(f"rig.parameters.{name}.value", parameter.value)
-    damping_like = key.endswith(("damping", "stiffness"))
-    if value < 0.0 or (value == 0.0 and not damping_like):
+    if value < 0.0 or (value == 0.0 and not key.endswith(MAY_BE_ZERO)):
         raise UserError(f"rig.parameters.{name}.value", value, f"above 0 {_either(unit)}, as {key} needs it")
     return value
 
@@ -443,7 +446,7 @@ def _check_gain(elements: dict[str, Element], config: RigConfig) -> None:
                 raise UserError(f"rig.parameters.{name}.unit", unit, f"{needed}, as {element.name} drives {driven}")
 
 
-def _gear_down(elements: dict[str, Element]) -> None:
+def gear_down(elements: dict[str, Element]) -> None:
     """Put the gear's ratio into the screw's lead: how far its base goes per radian of the motor."""
     for element in elements.values():
         if element.kind == "screw":

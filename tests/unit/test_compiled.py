@@ -136,7 +136,7 @@ def test_of_a_dictionary_it_cannot_be_told(edited):
 
 def test_of_all_that_is_compiled_here_it_can_be_told():
     for module in pkgutil.walk_packages(dtbacklash.__path__, "dtbacklash."):
-        if module.name.rpartition(".")[2] not in ("__main__", "dtbacklash_slave", "_core", "_simulator"):
+        if module.name.rpartition(".")[2] not in ("__main__", "_core", "_simulator"):
             importlib.import_module(module.name)
     # not isinstance: it reads through a weak proxy, whose object may be gone
     all_of_them = [one for one in gc.get_objects() if issubclass(type(one), Dispatcher)]

@@ -22,7 +22,7 @@ def modules(files):
 
 
 @pytest.mark.parametrize(
-    "module", ["prove.conceal", "prove.oracle", "diagnosis", "recording", "config.compose", "fmu.slave"]
+    "module", ["prove.conceal", "prove.oracle", "diagnosis", "recording", "config.compose", "fmu.machine"]
 )
 def test_what_a_module_imports_is_what_the_graph_of_imports_says(graph, module):
     name = f"{source_hash.ROOT}.{module}"

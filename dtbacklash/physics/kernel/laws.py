@@ -26,10 +26,13 @@ _FUNCTION = ffi.typeof("void (*)(void)")
 
 
 class Called:
-    """What the core calls for one field of a slot: ``function``, or ``formula`` where that is not NULL."""
+    """What the core calls for one field of a slot: ``function``, or ``formula`` where that is not NULL.
 
-    def __init__(self, function: Any = ffi.NULL, formula: Any = ffi.NULL, *kept: Any) -> None:
-        self.function, self.formula = function, formula
+    name : of the function in ``laws.c``; empty for one that is compiled in this process.
+    """
+
+    def __init__(self, function: Any = ffi.NULL, formula: Any = ffi.NULL, *kept: Any, name: str = "") -> None:
+        self.function, self.formula, self.name = function, formula, name
         self._kept = kept  # what they point to
 
 
@@ -48,7 +51,7 @@ def core_law(law: Law, slot: type[Slot]) -> Called:
     name = law.__name__
     if name not in LAWS or LAWS[name][0] != slot.__name__:
         raise KeyError(f"laws.c has no law `{name}` of {slot.__name__}")
-    return Called(ffi.cast(_FUNCTION, getattr(lib, name)))
+    return Called(ffi.cast(_FUNCTION, getattr(lib, name)), name=name)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from threading import Lock
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -14,11 +15,11 @@ from dtbacklash.physics.kernel.plant import Plant, State
 #: structs of so many plants are kept: one is asked for again and again, and it takes longer to make than a short pass
 PLANTS_MAX = 32
 
-_ARRAYS = (
+ARRAYS = (
     "E", "P1", "P2", "A", "G", "slot", "first", "link", "link_ends", "friction_ends", "circuit", "screw", "sensor",
     "sensor_whole", "sensor_tick", "sensor_part", "sensor_play",
 )  # fmt: skip
-_SCALARS = (
+SCALARS = (
     "levels", "substeps", "position", "current", "rotor", "driven", "lag", "limited", "loaded", "has_base", "imposed",
     "forced", "delay_whole", "delay_ticks", "delay_part", "sample_time",
 )  # fmt: skip
@@ -48,12 +49,7 @@ def _struct(P: Plant) -> Any:
     law_p, entries = buffer(P.law_p), _laws(P)
     for entry in range(len(P.law)):
         entries[entry].p = law_p + entry * P.law_p.shape[1]
-    made = struct(
-        "Plant", **{name: getattr(P, name) for name in (*_ARRAYS, *_SCALARS)}, law=entries, n=P.A.shape[1],
-        channels=P.G.shape[1], bodies=P.n_bodies, links=len(P.link), frictions=len(P.friction_ends),
-        sensors=len(P.sensor), depth=int(P.sensor_whole.max(initial=0)) + 1, acts=_acting(P),
-        remembers=_remembers(P),
-    )  # fmt: skip
+    made = struct("Plant", **{name: getattr(P, name) for name in (*ARRAYS, *SCALARS)}, **sizes(P), law=entries)
     _parameters[made] = law_p
     return made
 
@@ -63,16 +59,32 @@ def _places(P: Plant) -> list[int]:
     return [*P.slot.tolist(), len(P.first) - 1]
 
 
-def _laws(P: Plant) -> Any:
-    """The structs of a plant's laws, without their parameters; those at places that were taken out are empty."""
-    entries, starts, first, rows = ffi.new("Law[]", max(len(P.law), 1)), _places(P), P.first.tolist(), P.law.tolist()
+def calls(P: Plant) -> Iterator[tuple[int, list[laws.Called]]]:
+    """The entries of a plant's laws by their numbers, with what is called; not those at places that were taken out."""
+    starts, first, rows = _places(P), P.first.tolist(), P.law.tolist()
     for number, kinds in laws.SLOTS.items():
         for place in range(starts[number], starts[number + 1]):
             slot = kinds[(place - starts[number]) % len(kinds)]
             for entry in range(first[place], first[place + 1]):
-                code, entries[entry].at = rows[entry]
-                laws.fill(entries[entry], laws.called(slot, code))
+                yield entry, laws.called(slot, rows[entry][0])
+
+
+def _laws(P: Plant) -> Any:
+    """The structs of a plant's laws, without their parameters; those at places that were taken out are empty."""
+    entries = ffi.new("Law[]", max(len(P.law), 1))
+    for entry, found in calls(P):
+        entries[entry].at = int(P.law[entry, 1])
+        laws.fill(entries[entry], found)
     return entries
+
+
+def sizes(P: Plant) -> dict[str, int]:
+    """What the struct of a plant says of its arrays."""
+    return {
+        "n": P.A.shape[1], "channels": P.G.shape[1], "bodies": P.n_bodies, "links": len(P.link),
+        "frictions": len(P.friction_ends), "sensors": len(P.sensor), "depth": int(P.sensor_whole.max(initial=0)) + 1,
+        "acts": _acting(P), "remembers": int(_remembers(P)),
+    }  # fmt: skip
 
 
 def _acting(P: Plant) -> int:

@@ -17,14 +17,17 @@ TOLERANCE = 1e-12
 
 
 def assert_alike(ours: np.ndarray, theirs: np.ndarray, tolerance: float = TOLERANCE) -> None:
-    """The same shape, the same numbers; what is not finite is so in both."""
+    """The same shape, the same numbers, but for the last bit of the largest; what is not finite is so in both."""
     assert ours.shape == theirs.shape
     assert np.array_equal(np.isfinite(ours), np.isfinite(theirs))
     if not ours.size:
         return
     ours, theirs = (np.nan_to_num(one, posinf=0.0, neginf=0.0).reshape(len(one), -1) for one in (ours, theirs))
     scale = np.abs(theirs).max(axis=0, initial=0.0)
-    assert (np.abs(ours - theirs) <= tolerance * scale).all(), np.abs(ours - theirs).max() / max(scale.max(), 1e-300)
+    last_bit = np.finfo(float).eps * scale.max(initial=0.0)
+    assert (np.abs(ours - theirs) <= tolerance * scale + last_bit).all(), np.abs(ours - theirs).max() / max(
+        scale.max(), 1e-300
+    )
 
 
 class Twice:
