@@ -122,7 +122,10 @@ def kind_of(key: str, grammar: Grammar = RUN) -> str:
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", dict: "a mapping"}
     if key in grammar.settings and typing.get_origin(grammar.settings[key].plain_kind) is list:
         choices = ", ".join(grammar.settings[key].about.choices)
-        return f"a list of {choices or 'texts'}, e.g. {grammar.settings[key].shown()}"
+        (item,) = typing.get_args(grammar.settings[key].plain_kind)
+        example = grammar.settings[key].shown()
+        items = choices or {int: "whole numbers", float: "numbers"}.get(item, "texts")
+        return f"a list of {items}" + ("" if example in ("null", "[]") else f", e.g. {example}")
     if key in grammar.settings:
         kind = grammar.settings[key].plain_kind
         return words.get(typing.get_origin(kind) or kind, "a value of another kind")

@@ -132,7 +132,10 @@ def _bridged(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, 
             longest = max(longest, *(stop - start for start, stop in runs(missing)))
             values[a:b] = np.interp(t_s[a:b], t_s[a:b][~missing], values[a:b][~missing])
     if count > MISSING_SHARE_MAX * sum(b - a for a, b in stretches):
-        raise Refused(f"channel {name} has no value in {count} of {len(values)} rows")
+        raise Refused(
+            f"channel {name} has no value in {count} of {len(values)} rows, and at most {100 * MISSING_SHARE_MAX:g} % "
+            "are interpolated: leave out the rows without one"
+        )
     if count:
         plural = "s" * (count > 1)
         notes.append(f"Channel {name}: {count} missing value{plural} interpolated, at most {longest} in a row.")

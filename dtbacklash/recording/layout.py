@@ -32,7 +32,7 @@ _QUANTITY = re.compile(rf"({preamble.NUMBER.pattern})\s*([^\W\d]\D*|°|µ\D+)")
 _GROUPED = re.compile(
     rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS.replace(' ', '')}]\d{{3}})+)"
 )
-#: the same by blanks, which part columns as well: only where the numbers around it tell
+#: the same by blanks, which part columns as well: only where the delimiter or the numbers around it tell
 _GROUPED_BY_BLANKS = re.compile(r"[+-]?\d{1,3}( \d{3})+")
 _BLANKS = re.compile(r"[ \t\f]+")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
@@ -67,19 +67,22 @@ def find(whole: str) -> Layout:
         width = common[0][0] if common else 0
         rows = [fields for fields in split.values() if len(fields) == width]
         columns = [[fields[j] for fields in rows if fields[j]] for j in range(width)]
-        kinds = [_kind(filled) if len(filled) > FEW * len(rows) else "" for filled in columns]
+        blanks = delimiter not in (SPACE, ",")  # may part the digits of a number
+        kinds = [_kind(filled, blanks) if len(filled) > FEW * len(rows) else "" for filled in columns]
         good = [j for j, kind in enumerate(kinds) if kind in (NUMBER, STAMP)]
         score = len(good) - kinds.count(TEXT)
         if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
             continue
         keyed = kinds[0] == "" and 1 in good  # a key there has its value among the numbers
         rest = {k: fields for k, fields in split.items() if k < len(head) and not (keyed and fields[0])}
-        begins = ((k, _begins(fields, good, width)) for k, fields in rest.items())
+        begins = ((k, _begins(fields, good, width, blanks)) for k, fields in rest.items())
         first = next((k for (k, one), (_, next_one) in pairwise(begins) if one and next_one), None)
         while first and _goes_on(split.get(first - 1, []), good, width):
             first -= 1
         if first is not None:
             best = score, Layout(delimiter, first, width)
+            if blanks and len(good) == width:  # parts of these would be numbers as well
+                break
     if best is None:
         full = [line for line in lines if not _skipped(line)]
         alone = len(full) <= 2 and any(
@@ -191,29 +194,31 @@ def _skipped(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith(COMMENTS)
 
 
-def _begins(fields: list[str], good: list[int], width: int) -> bool:
+def _begins(fields: list[str], good: list[int], width: int, blanks: bool) -> bool:
     """Whether a line is the first of the numbers: two or more of them, and nothing else in their columns."""
     filled = [fields[j] for j in good if j < len(fields) and fields[j].lower() not in MISSING]
-    numbers = sum(_kind([text]) in (NUMBER, STAMP) for text in filled)
+    numbers = sum(_kind([text], blanks) in (NUMBER, STAMP) for text in filled)
     return width - 1 <= len(fields) <= width and numbers == len(filled) and numbers > 1
 
 
 def _goes_on(fields: list[str], good: list[int], width: int) -> bool:
     """Whether a line above the first of the numbers is one of them, in which some are missing or failed."""
     filled = [j for j in good if len(fields) == width and fields[j]]
-    numbers = [j for j in filled if _kind([fields[j]]) in (NUMBER, STAMP) or _GROUPED_BY_BLANKS.fullmatch(fields[j])]
+    numbers = [j for j in filled if _kind([fields[j]], blanks=True) in (NUMBER, STAMP)]
     return len(numbers) > 1 and numbers[0] == good[0]
 
 
-def _kind(fields: list[str]) -> str:
-    """What most of the fields are."""
-    if 2 * sum(map(_is_number, fields)) > len(fields):
+def _kind(fields: list[str], blanks: bool) -> str:
+    """What most of the fields are. blanks : may part the digits of a whole number."""
+    if 2 * sum(_is_number(field, blanks) for field in fields) > len(fields):
         return NUMBER
     return STAMP if 2 * sum(stamps.STAMP.fullmatch(field) is not None for field in fields) > len(fields) else TEXT
 
 
-def _is_number(field: str) -> bool:
-    """Whether a text is a number with a decimal point or with a decimal comma."""
+def _is_number(field: str, blanks: bool = False) -> bool:
+    """Whether a text is a number with a decimal point or comma. blanks : may part the digits of a whole number."""
+    if blanks and _GROUPED_BY_BLANKS.fullmatch(field):
+        return True
     for text in (field, field.translate(_POINT)):
         said = _QUANTITY.fullmatch(text)  # 3.2 V
         unit = units.find(said.groups()[-1]) if said else None

@@ -29,7 +29,9 @@ MISSING = frozenset({"", "-", "--", "---", "nan", "na", "n/a", "#n/a", "nat", "n
 _EXPONENT = r"(?:[eEdD][+-]?\d+)?"
 _INTEGER, _WORD = rf"^[+-]?\d+{_EXPONENT}$", r"(?i)^[+-]?inf(?:inity)?$"
 _QUANTITY = rf"^\s*(?P<number>[+-]?[\d.,][\d.,{BLANKS}]*{_EXPONENT})\s*(?P<unit>[^\d\s.,].*?)\s*$"
-SLIPS = 0.05  # of the rows: fewer decimal points than these do not prove that commas part columns
+#: of the rows: fewer decimal points than these do not prove that commas part columns; of the numbers like 1,234: fewer
+#: numbers with a decimal point than these do not prove that those are whole
+SLIPS = 0.05
 _LOOK = 1000  # rows in which a proof is looked for before all the others
 
 
@@ -38,12 +40,13 @@ class Convention:
     """How the numbers of a table are written.
 
     decimal : its decimal sign. decided : whether anything tells; if not, no column with numbers like 1,234 can be read.
-    alone : whether the other sign stands nowhere.
+    alone : whether the other sign stands nowhere. groups : whether so many numbers tell it that 1,234 is a whole one.
     """
 
     decimal: str = POINT
     decided: bool = True
     alone: bool = False
+    groups: bool = True
 
     @property
     def other(self) -> str:
@@ -64,7 +67,9 @@ def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), 
         votes = {sign: sum(int(proofs(c[:rows], sign).sum()) for c in columns) for sign in (POINT, COMMA)}
         decimal = max(votes, key=lambda sign: votes[sign])
         if votes[decimal]:
-            return Convention(decimal, alone=signs == [decimal])
+            alone = signs == [decimal]
+            groups = 0 if alone else sum(int(_match(c, _one_group(Convention(decimal).other)).sum()) for c in columns)
+            return Convention(decimal, alone=alone, groups=votes[decimal] > SLIPS * groups)
     held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
     open_ = [sign for sign in signs if any(_match(c, _one_group(sign)).any() for c in held[sign])]
     if len(open_) == 1 and any(_counts_on(c, open_[0]) for c in held[open_[0]]):
@@ -91,7 +96,7 @@ def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str
     good = grouped | _match(texts, _plain(sign)) | _match(texts, _INTEGER) | _match(texts, _WORD)
     if not convention.decided:
         good &= ~_match(texts, _one_group(sign))
-    elif ones.any() and _groups_all(texts, sign):
+    elif convention.groups and ones.any() and _groups_all(texts, sign):
         good |= ones
     missing = _mask(pc.is_null(texts)) | _mask(pc.is_in(pc.utf8_lower(texts), pa.array(sorted(MISSING))))
     bad = ~(good | missing)
@@ -164,7 +169,11 @@ def _contradiction(texts: Texts, convention: Convention, rows: np.ndarray) -> st
 def _floats(texts: Texts, sign: str) -> Floats:
     """(N,) plain numbers with a decimal sign, NaN for null (raises pa.ArrowInvalid)."""
     plain = pc.replace_substring(texts, COMMA, POINT) if sign == COMMA else texts
-    return np.asarray(plain.cast(pa.float64()).to_numpy(), dtype=float)
+    read = plain.cast(pa.float64())
+    values = _held(read, np.dtype(float))
+    if read.null_count:
+        values[~_mask(pc.is_valid(read))] = np.nan
+    return values
 
 
 def _match(texts: Texts, pattern: str) -> Mask:
@@ -172,7 +181,15 @@ def _match(texts: Texts, pattern: str) -> Mask:
 
 
 def _mask(booleans: Any) -> Mask:
-    return np.asarray(pc.fill_null(booleans, False).to_numpy(), dtype=bool)
+    """(N,) false where null."""
+    return _held(pc.coalesce(booleans, pc.is_valid(booleans)).cast(pa.uint8()), np.dtype(np.uint8)).astype(bool)
+
+
+def _held(column: Any, kind: np.dtype[Any]) -> np.ndarray:
+    """(N,) copy of what a column holds, anything where null. ``to_numpy`` and Python values would import pandas."""
+    chunks = [chunk for chunk in getattr(column, "chunks", [column]) if len(chunk)]
+    parts = [np.frombuffer(c.buffers()[1], kind, len(c), c.offset * kind.itemsize) for c in chunks]
+    return np.concatenate([np.empty(0, kind), *parts])
 
 
 def _plain(sign: str) -> str:

@@ -29,7 +29,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from collections.abc import Mapping as Dict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 from itertools import combinations
 
 import numpy as np
@@ -127,12 +128,14 @@ class Bench:
     """A rig without its effects, and what it showed.
 
     channels : (N,) values in SI, the command ``u`` among them. command : see :mod:`.command`.
+    simulated : what the rig was simulated with -> what its sensors show, shared by the variants of a bench.
     """
 
     rig: Rig
     channels: Channels
     step_s: float
     command: str
+    simulated: dict[tuple[object, ...], Channels] = field(default_factory=dict, compare=False, repr=False)
 
     @classmethod
     def of(cls, rig: Rig, channels: Channels, step_s: float, command: str, samples: int = SAMPLES_MAX) -> Bench:
@@ -227,9 +230,16 @@ class Bench:
     def _kind(self, name: str) -> str:
         return self.rig.elements[self.rig.sensors[name].of].kind
 
-    def _answer(self, u: Floats, names: Names, step_s: float) -> Floats:
-        """What the rig shows."""
-        return _shown(simulate(self.rig, u, step_s).sensors, names)
+    def _answer(
+        self, u: Floats, names: Names, step_s: float, half_gap_rad: float = 0.0, theta_rad: Floats | None = None
+    ) -> Floats:
+        """What the rig shows, with play in its gear, if any; the same is not simulated again for another channel."""
+        key = (_digest(u), step_s, half_gap_rad, b"" if theta_rad is None else _digest(theta_rad))
+        if key not in self.simulated:
+            gear = self.rig.only("gear") if half_gap_rad else None
+            rig = self.rig.with_effect(gear.name, "backlash", {"half_gap": half_gap_rad}) if gear else self.rig
+            self.simulated[key] = simulate(rig, u, step_s, theta_m_rad=theta_rad).sensors
+        return _shown(self.simulated[key], names)
 
     def _current(self, circuit: Dict[str, float], i: Floats, theta: Floats | None) -> Question:
         """The balance of the circuit; where no angle is recorded the back-emf is unknown."""
@@ -241,12 +251,9 @@ class Bench:
         """The structure driven by the recorded angle, without play or with the play that fits best."""
         angle, u = theta - theta[0], np.zeros(len(theta) - 1)
         width = float(np.ptp(angle)) / 2
-        gear = self.rig.only("gear")
         best, likeness = np.zeros(len(y)), -1.0
-        for share in (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9) if gear and width > 0.0 else (0.0,):
-            gap = {"half_gap": min(share * width, 6.0)}
-            worn = self.rig.with_effect(gear.name, "backlash", gap) if gear and share else self.rig
-            driven = _shown(simulate(worn, u, self.step_s, theta_m_rad=angle).sensors, names)
+        for share in (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9) if self.rig.only("gear") and width > 0.0 else (0.0,):
+            driven = self._answer(u, names, self.step_s, min(share * width, 6.0), angle)
             size = float(np.std(driven))
             like = float(np.mean((driven - driven.mean()) * (y - y.mean()))) / size if size > 0.0 else -1.0
             if like > likeness:
@@ -296,6 +303,10 @@ class Bench:
 def _shown(channels: Channels, names: Names) -> Floats:
     """One channel, or the difference of two."""
     return channels[names[0]] if len(names) == 1 else channels[names[0]] - channels[names[1]]
+
+
+def _digest(values: Floats) -> bytes:
+    return blake2b(values.tobytes(), digest_size=16).digest()
 
 
 def _smooth(values: Floats) -> Floats:

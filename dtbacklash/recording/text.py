@@ -64,7 +64,9 @@ def read(content: bytes, rows: tuple[int, int] | None = None, decimal: str = "")
     convention = numerals.decide([numbers for numbers, _ in parts if not _stamped(numbers)], present, decimal)
     head = preamble.understood(above, width, convention.decimal)
     table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
-    if found.delimiter == "," and not (above and len(above[-1]) == width):  # else each column has its head
+    last = above[-1] if above else []
+    headed = len(last) == width and not any(map(preamble.NUMBER.fullmatch, last))  # each column has its head
+    if found.delimiter == "," and not headed:
         _check_commas(texts, [name for name in (*head.names, *head.spare) if name])
     if table.numbered:
         head.names = [str(j) for j in range(width)]

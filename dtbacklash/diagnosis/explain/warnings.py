@@ -55,12 +55,18 @@ def _short(recordings: Sequence[Recording]) -> list[str]:
 
 def _turns(values: Floats) -> int:
     """How often a channel turns round, by a fifth of its range at least."""
-    from scipy.signal import find_peaks
-
     read = values[np.isfinite(values)]
     length = max(1, len(read) // BLOCKS)
     means = read[: len(read) // length * length].reshape(-1, length).mean(axis=1)
-    return sum(len(find_peaks(side * means, prominence=0.2 * np.ptp(means))[0]) for side in (1.0, -1.0))
+    least, turns, way = 0.2 * float(np.ptp(means)), 0, 0.0
+    low = high = float(means[0])
+    for mean in means.tolist():
+        low, high = min(low, mean), max(high, mean)
+        fell, rose = high - mean >= least > 0.0 and way >= 0.0, mean - low >= least > 0.0 and way <= 0.0
+        if fell or rose:
+            turns += way != 0.0
+            way, low, high = (-1.0 if fell else 1.0), mean, mean
+    return turns
 
 
 def _what_it_was(found: Diagnosis, doubt: Doubt) -> str:

@@ -2,7 +2,10 @@
 
 import errno
 
+import pytest
+
 from dtbacklash.config.explain import explain
+from dtbacklash.config.grammar import GRAMMARS, kind_of
 
 
 def test_a_reader_of_the_output_that_has_gone_is_nobodys_mistake():
@@ -13,3 +16,15 @@ def test_a_folder_that_cannot_be_made_is():
     mistake = explain(PermissionError(errno.EACCES, "Permission denied", "/nowhere"), [])
     assert mistake is not None
     assert str(mistake) == "hydra.run.dir=/nowhere: cannot be written: permission denied"
+
+
+@pytest.mark.parametrize(
+    ("command", "key", "said"),
+    [
+        ("diagnose", "recording.rows", "a list of whole numbers"),
+        ("design", "commands", "a list of texts"),
+        ("run", "twin.indexes", "a list of frequency, motor, structure"),
+    ],
+)
+def test_of_a_list_it_is_said_what_it_holds(command, key, said):
+    assert kind_of(key, GRAMMARS[command]) == said
