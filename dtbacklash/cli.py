@@ -17,10 +17,11 @@ from dtbacklash.version import __version__
 
 #: what asks for help, behind a command or in its place
 HELP = ("-h", "--help", "help")
-#: command -> what it does; all but four are applications of Hydra
+#: command -> what it does; all but five are applications of Hydra
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
+    "benchmark": "make a benchmark that any tool can enter, and score a tool's answers",
     "effects": "list the physics that there is: laws, units, where they may act",
     "recordings": "list the public recordings that have a mapping, and fetch them",
     "rig": "a rig of your own: write one to begin with, and check one",

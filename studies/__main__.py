@@ -24,6 +24,7 @@ from studies import (
     alternatives,
     bank,
     beliefs,
+    benchmark,
     campaign,
     close_the_loop,
     controllers,
@@ -242,7 +243,9 @@ STUDIES = {
     ),
 }  # fmt: skip
 #: studies whose result is a page: name -> takes the folder of the docs, and what to make anew in it (default: all)
-PAGES: dict[str, Callable[[list[str]], None]] = {"gallery": gallery.main, "real": real.main}
+PAGES: dict[str, Callable[[list[str]], None]] = {
+    "gallery": gallery.main, "real": real.main, "benchmark": benchmark.main,
+}  # fmt: skip
 
 
 def main(words: list[str]) -> int:

@@ -9,10 +9,10 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from dtbacklash.commands.help import PARTED
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
 from dtbacklash.config.groups import LAUNCHER, LAUNCHER_NAMES, MACHINES, options, recordings
 from dtbacklash.config.setting import declared
-from dtbacklash.config.twin import PARTS
 from dtbacklash.errors import UserError
 
 SHELLS = ("bash", "zsh")
@@ -20,7 +20,7 @@ OPTIONS = ("--help", "--cfg", "-m", "-v")
 #: the word that follows a command which is no application
 SECOND = {
     "effects": ("rig=",), "recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "rig": ("new", "check"),
-    "twin": tuple(PARTS),
+    **{name: tuple(parts) for name, parts in PARTED.items()},
 }  # fmt: skip
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
@@ -97,8 +97,8 @@ def answers(line: str) -> list[str]:
         return _beginning(word, SECOND[command])
     if command == "rig":
         return _beginning(word, MACHINES if rest == ["new"] else options("rig") if rest == ["check"] else ())
-    if command == "twin":
-        return _of_the_twin(rest, word)
+    if command in PARTED:
+        return _of_part(command, rest, word)
     if command == EXPORT.name and rest[0] == "controller":
         return answers(" ".join(["dtb", "run", *rest[1:], word]))
     if command in FILES:
@@ -108,11 +108,12 @@ def answers(line: str) -> list[str]:
     return _of_grammar((GRAMMARS | FILES)[command], word)
 
 
-def _of_the_twin(rest: list[str], word: str) -> list[str]:
-    """The settings of a part of ``dtb twin``; ``describe`` takes those of a run."""
-    if rest[0] == "describe":
+def _of_part(command: str, rest: list[str], word: str) -> list[str]:
+    """The settings of a part of a command; ``dtb twin describe`` takes those of a run."""
+    parts = PARTED[command]
+    if (command, rest[0]) == ("twin", "describe"):
         return answers(" ".join(["dtb", "run", *rest[1:], word]))
-    schema = PARTS[rest[0]].schema if rest[0] in PARTS else None
+    schema = parts[rest[0]].schema if rest[0] in parts else None
     return [] if schema is None else _beginning(word, [f"{one.key}=" for one in declared(schema)])
 
 

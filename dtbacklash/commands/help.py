@@ -5,20 +5,29 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from dtbacklash.config import benchmark, twin
 from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, HELP, Grammar
 from dtbacklash.config.groups import GROUPS, LAUNCHERS, MACHINES, options
 from dtbacklash.config.setting import Declared, declared
-from dtbacklash.config.twin import EXAMPLE, PARTS
 
 WIDTH, COLUMN = 116, 36
+#: the commands that have parts, each with settings of its own; what is said of them, and an example below
+PARTED = {"twin": twin.PARTS, "benchmark": benchmark.PARTS}
+ABOUT = {
+    "twin": ("The digital twin as a process of its own, over MQTT 5.", ("In three terminals:", *twin.EXAMPLE)),
+    "benchmark": (
+        "Which physics is missing, where, and how much of it: a benchmark that any tool can enter.",
+        ("Example:", "dtb benchmark make out=bench", "dtb benchmark score answers bench key=bench.key"),
+    ),
+}
 
 
 def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
     if name in HELP:
         return HELP[name].format(machines=", ".join(MACHINES)) if name == "rig" else HELP[name]
-    if name == "twin":
-        return of_the_twin(words[0]) if words[0] in PARTS else _twin()
+    if name in PARTED:
+        return of_part(name, words[0]) if words[0] in PARTED[name] else _parted(name)
     if name == EXPORT.name and words[:1] == ["controller"]:
         return HELP["controller"]
     return text((GRAMMARS | FILES)[name])
@@ -53,18 +62,19 @@ def text(grammar: Grammar) -> str:
     return "\n".join(parts)
 
 
-def _twin() -> str:
-    lines = ["usage: dtb twin <part> [key=value ...]", "", "The digital twin as a process of its own, over MQTT 5.", ""]
-    lines += [f"  {name:<10} {part.about.splitlines()[0]}" for name, part in PARTS.items()]
-    lines += ["", "dtb twin <part> --help lists its settings. In three terminals:", *(f"  {line}" for line in EXAMPLE)]
+def _parted(name: str) -> str:
+    about, example = ABOUT[name]
+    lines = [f"usage: dtb {name} <part> [key=value ...]", "", about, ""]
+    lines += [f"  {part:<10} {one.about.splitlines()[0]}" for part, one in PARTED[name].items()]
+    lines += ["", f"dtb {name} <part> --help lists its settings. {example[0]}", *(f"  {line}" for line in example[1:])]
     return "\n".join(lines)
 
 
-def of_the_twin(name: str) -> str:
-    """The text of ``dtb twin <part> --help``."""
-    part = PARTS[name]
-    settings = ["", "settings (key=default) [unit]:", *_settings(declared(part.schema))] if part.schema else []
-    return "\n".join([f"usage: dtb twin {name} [key=value ...]", "", part.about, *settings])
+def of_part(name: str, part: str) -> str:
+    """The text of ``dtb twin <part> --help``, and of the other commands that have parts."""
+    one = PARTED[name][part]
+    settings = ["", "settings (key=default) [unit]:", *_settings(declared(one.schema))] if one.schema else []
+    return "\n".join([f"usage: dtb {name} {part} [key=value ...]", "", one.about, *settings])
 
 
 def _choices(grammar: Grammar) -> list[str]:

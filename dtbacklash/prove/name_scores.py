@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
-from scipy.stats import binomtest
 
 from dtbacklash.physics.element_kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.rules import Case
+from dtbacklash.scoring.shares import wilson
 
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
@@ -22,14 +22,6 @@ CONFIDENCES = ("sure", "one_of", "partial")
 NOTHING, PARAMETERS, UNEXPLAINED, EXTRA, FAILED = "nothing", "parameters", "unknown", "one too many", "failed"
 #: the right effect at another place of the right kind
 ELSEWHERE = "same effect elsewhere"
-
-
-def wilson(right: int, of: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share; 0 to 1 of nothing."""
-    if not of:
-        return 0.0, 1.0
-    interval = binomtest(right, of).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
 
 
 def family(kind: str) -> str:

@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import SHAPES
+from dtbacklash.scoring.shares import holds
 
 Key = tuple[str, str]
 
@@ -259,18 +260,6 @@ def right_parameters(case: Case) -> int:
     return sum(
         name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
     )
-
-
-def holds(interval: list[float | None], truth: float, period: float | None = None) -> bool:
-    """Whether an interval holds the truth, for an angle modulo its period; false without an interval."""
-    low, high = interval
-    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
-        return False
-    if period is None:
-        return low <= truth <= high
-    middle = 0.5 * (low + high)
-    away = (truth - middle + 0.5 * period) % period - 0.5 * period
-    return abs(away) <= 0.5 * (high - low)
 
 
 def intervals_of(case: Case, i: int) -> list[bool]:

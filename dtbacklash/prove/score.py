@@ -12,8 +12,9 @@ import numpy as np
 
 from dtbacklash.config import commands
 from dtbacklash.prove import rules
-from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability, wilson
+from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability
 from dtbacklash.prove.rules import Case
+from dtbacklash.scoring.shares import wilson
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise
 EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))

@@ -7,13 +7,19 @@ recording under its seal.
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import hmac
 import json
 import secrets
 from pathlib import Path
 from typing import Any
 
 from cryptography.fernet import Fernet, InvalidToken
+from cryptography.hazmat.primitives.ciphers import Cipher
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.ciphers.modes import CBC
+from cryptography.hazmat.primitives.padding import PKCS7
 
 from dtbacklash.errors import UserError
 from dtbacklash.files import reason, write_once
@@ -59,11 +65,34 @@ def _cipher(key: bytes, path: Path) -> Fernet:
 
 def seal(secret: Secret, recording: bytes, key: bytes) -> dict[str, str]:
     """Seal a secret with the recording that it belongs to; returns the content of ``sealed.json``."""
-    text, nonce = secret.to_json(), secrets.token_hex(32)
-    content = {"nonce": nonce, "secret": text, "recording_sha256": hashlib.sha256(recording).hexdigest()}
-    plain = json.dumps(content).encode()
-    token = Fernet(key).encrypt(plain.ljust(-(-len(plain) // PADDING) * PADDING))
-    return {"format": FORMAT, "sha256": commitment(nonce, text), "token": token.decode()}
+    return seal_text(secret.to_json(), recording, key, secrets.token_hex(32))
+
+
+def seal_text(text: str, content: bytes, key: bytes, nonce: str | None = None) -> dict[str, str]:
+    """Seal any text with the bytes that it belongs to.
+
+    nonce : a random number. None: it follows from text and key, and so does the whole seal, to the last bit.
+    """
+    known = {"secret": text, "recording_sha256": hashlib.sha256(content).hexdigest()}
+    fixed = _code(key, json.dumps(known).encode())
+    plain = json.dumps({"nonce": nonce or fixed.hex(), **known}).encode()
+    padded = plain.ljust(-(-len(plain) // PADDING) * PADDING)
+    token = Fernet(key).encrypt(padded) if nonce else _fernet(padded, key, fixed[:16])
+    return {"format": FORMAT, "sha256": commitment(nonce or fixed.hex(), text), "token": token.decode()}
+
+
+def _code(key: bytes, content: bytes) -> bytes:
+    return hmac.new(key, content, hashlib.sha256).digest()
+
+
+def _fernet(plain: bytes, key: bytes, start: bytes) -> bytes:
+    """A token by the specification of Fernet, of time 0 and with a given start of its chain of blocks (16 bytes)."""
+    both = base64.urlsafe_b64decode(key)
+    padder = PKCS7(128).padder()
+    cipher = Cipher(AES(both[16:]), CBC(start)).encryptor()
+    blocks = cipher.update(padder.update(plain) + padder.finalize()) + cipher.finalize()
+    signed = b"\x80" + bytes(8) + start + blocks
+    return base64.urlsafe_b64encode(signed + _code(both[:16], signed))
 
 
 def commitment(nonce: str, text: str) -> str:
@@ -78,22 +107,30 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
 
     Raises UserError: no such case or key, a wrong key, a seal or a recording that has been changed.
     """
-    case, key_file = Path(case), Path(key_file)
-    cipher = _cipher(read_key(key_file), key_file)
-    sealed = read_seal(case)
-    try:
-        content = json.loads(cipher.decrypt(sealed["token"].encode()))
-    except InvalidToken:
-        raise UserError("key", key_file, f"does not open {case / SEALED}: a wrong key, or a changed seal") from None
-    if commitment(content["nonce"], content["secret"]) != sealed["sha256"]:
-        raise UserError("case", case, f"{SEALED} has been changed: the secret does not match its commitment")
+    case = Path(case)
     try:
         recording = (case / RECORDING).read_bytes()
     except OSError as error:
         raise UserError("case", case, f"{RECORDING} cannot be read: {reason(error)}") from error
-    if hashlib.sha256(recording).hexdigest() != content["recording_sha256"]:
-        raise UserError("case", case, f"{RECORDING} is not the one that was sealed")
-    return Secret.from_json(content["secret"])
+    return Secret.from_json(open_text(case, Path(key_file), recording, RECORDING))
+
+
+def open_text(case: Path, key_file: Path, content: bytes, name: str) -> str:
+    """The text that is sealed in a case's ``sealed.json`` with the bytes ``content`` of its file ``name``.
+
+    Raises UserError: no key, a wrong one, a seal or a file that has been changed.
+    """
+    cipher = _cipher(read_key(key_file), key_file)
+    sealed = read_seal(case)
+    try:
+        known = json.loads(cipher.decrypt(sealed["token"].encode()))
+    except InvalidToken:
+        raise UserError("key", key_file, f"does not open {case / SEALED}: a wrong key, or a changed seal") from None
+    if commitment(known["nonce"], known["secret"]) != sealed["sha256"]:
+        raise UserError("case", case, f"{SEALED} has been changed: the secret does not match its commitment")
+    if hashlib.sha256(content).hexdigest() != known["recording_sha256"]:
+        raise UserError("case", case, f"{name} is not the one that was sealed")
+    return str(known["secret"])
 
 
 def read_seal(case: Path) -> dict[str, Any]:

@@ -25,11 +25,11 @@ from dtbacklash.prove.name_scores import (
     PARAMETERS,
     UNEXPLAINED,
     error_ratio,
-    wilson,
 )
 from dtbacklash.prove.rules import SENSOR
 from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score, Share
 from dtbacklash.report.components.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
+from dtbacklash.scoring.shares import wilson
 
 PASS, MISS = "#00704f", "#b3261e"
 #: a share of fewer things says little: it is drawn open

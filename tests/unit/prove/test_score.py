@@ -25,10 +25,10 @@ from dtbacklash.prove.name_scores import (
     confusion_rows,
     family,
     reliability,
-    wilson,
 )
 from dtbacklash.prove.score import Score, Share, bins, score
 from dtbacklash.report.proof.text import markdown, which_seeds
+from dtbacklash.scoring.shares import wilson
 
 KEYS = list(proved.VALUES)
 EACH = st.one_of(
@@ -80,14 +80,6 @@ def test_what_is_not_clear_counts_beside_the_bar():
 )  # fmt: skip
 def test_a_bar_is_met_or_missed(right, of, bar, met):
     assert Share("a", "a", right, of, bar).met is met
-
-
-def test_wilson_is_that_of_the_textbook():
-    # Newcombe, Statistics in Medicine 17 (1998) 857, Table I
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson(15, 148) == pytest.approx((0.0624, 0.1605), abs=5e-5)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
-    assert wilson(0, 0) == (0.0, 1.0)
 
 
 def test_the_errors_quantiles_are_by_rank_and_held_against_the_bar():

@@ -1,0 +1,170 @@
+"""Read a tool's answers: rows of names with sizes and certainty, and predictions. A wrong row is told, and left out.
+
+Standard library, numpy and pandas, besides the table of units.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from dtbacklash import units
+from dtbacklash.arrays import Floats
+from dtbacklash.benchmark import vocabulary
+from dtbacklash.errors import UserError
+from dtbacklash.files import reason
+
+FILE, CASES = "answers.csv", "cases.txt"
+COLUMNS = ("case", "place", "effect", "size", "unit", "low", "high", "certainty")
+#: columns that may be missing, or empty
+OPTIONAL = COLUMNS[3:]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One name: place and effect in the vocabulary's words; size with its interval in the unit as written."""
+
+    case: str
+    place: str
+    effect: str
+    size: float | None = None
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    certainty: float = 1.0
+
+    def size_in(self, unit: str) -> tuple[float | None, float | None, float | None]:
+        """Size, low and high in a unit; None where they are not given, or of another kind."""
+        factor = 1.0
+        if self.unit and self.unit != unit:
+            own, wanted = units.find(self.unit), units.find(unit)
+            if own is None or wanted is None or own.si != wanted.si:
+                return None, None, None
+            factor = own.factor / wanted.factor
+        size, low, high = (None if value is None else factor * value for value in (self.size, self.low, self.high))
+        return size, low, high
+
+
+@dataclass
+class Answers:
+    """rows : case -> its names. cases : those that the tool worked on. problems : a line for each wrong row or file."""
+
+    rows: dict[str, list[Row]] = field(default_factory=dict)
+    cases: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+def read(folder: Path, cases: Mapping[str, str], places: Mapping[str, Mapping[str, str]]) -> Answers:
+    """Read ``answers.csv`` and, where it is there, ``cases.txt``: the cases that the tool worked on (else all).
+
+    cases : number -> machine. places : machine -> spelling -> place.
+
+    Raises UserError: there is no such file, it cannot be read, or it lacks a column.
+    """
+    found = Answers(cases=list(cases))
+    if (folder / CASES).is_file():
+        words = _text(folder / CASES).split()
+        found.cases = sorted({w.zfill(3) for w in words} & set(cases))
+        found.problems += [f"{CASES}: no case {w!r}" for w in words if w.zfill(3) not in cases]
+    text = _text(folder / FILE)
+    head = text.partition("\n")[0]
+    delimiter = max(";\t,", key=head.count)
+    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    try:
+        names = [vocabulary.plain(name) for name in next(rows, [])]
+        if missing := [name for name in COLUMNS if name not in names and name not in OPTIONAL]:
+            raise UserError("answers", folder / FILE, f"lacks the column {missing[0]}; it has {', '.join(COLUMNS)}")
+        for cells in rows:
+            if any(cell.strip() for cell in cells):
+                _add(
+                    found,
+                    dict(zip(names, cells, strict=False)),
+                    f"{FILE}, line {rows.line_num}",
+                    cases,
+                    places,
+                    delimiter,
+                )
+    except csv.Error as error:
+        found.problems.append(f"{FILE}, line {rows.line_num}: {error}; it is read up to here")
+    return found
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig", "replace").replace("\0", "")
+    except OSError as error:
+        raise UserError("answers", path, f"cannot be read: {reason(error)}") from error
+
+
+def _add(
+    found: Answers, cells: dict[str, str], where: str, cases: Mapping[str, str],
+    places: Mapping[str, Mapping[str, str]], delimiter: str,
+) -> None:  # fmt: skip
+    try:
+        row = _row({name: text.strip() for name, text in cells.items()}, cases, places, delimiter == ";")
+        if row.case not in found.cases:
+            raise ValueError(f"case {row.case} is not in {CASES}")
+        there = found.rows.setdefault(row.case, [])
+        if (row.place, row.effect) in [(one.place, one.effect) for one in there]:
+            raise ValueError(f"{row.place} {row.effect} stands there twice")
+        there.append(row)
+    except ValueError as error:
+        found.problems.append(f"{where}: {' '.join(str(error).split())}; the row is left out")
+
+
+def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, Mapping[str, str]], comma: bool) -> Row:
+    """One row; raises ValueError: what is wrong with it."""
+    case = cells.get("case", "").removesuffix(".0").zfill(3)
+    if case not in cases:
+        raise ValueError(f"no case {cells.get('case', '')!r}")
+    place = vocabulary.meant(cells.get("place", ""), places[cases[case]])
+    effect = vocabulary.meant(cells.get("effect", ""), vocabulary.effects())
+    size, low, high, certainty = (_number(cells, name, comma) for name in ("size", "low", "high", "certainty"))
+    if low is not None and high is not None and low > high:
+        raise ValueError(f"low {low:g} is above high {high:g}")
+    if certainty is not None and not 0.0 <= certainty <= 1.0:
+        raise ValueError(f"certainty {certainty:g} is not from 0 to 1")
+    return Row(case, place, effect, size, cells.get("unit", ""), low, high, 1.0 if certainty is None else certainty)
+
+
+def _number(cells: dict[str, str], name: str, comma: bool) -> float | None:
+    text = cells.get(name, "")
+    if not text:
+        return None
+    try:
+        value = float(text.replace(",", ".") if comma else text)
+    except ValueError:
+        raise ValueError(f"{name} {text[:40]!r} is no number") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{name} {text[:40]!r} is not finite")
+    return value
+
+
+def prediction(folder: Path, case: str, channels: Mapping[str, int]) -> tuple[dict[str, Floats] | None, str]:
+    """Channel -> (N,) predicted readings of a case, and what is wrong with them; None without a usable file.
+
+    channels : name -> number of samples.
+    """
+    path = folder / f"{case}.csv"
+    if not path.is_file():
+        return None, ""
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        return None, f"{path.name}: {str(error).splitlines()[0]}"
+    found = {}
+    for name, samples in channels.items():
+        if name not in table:
+            return None, f"{path.name}: lacks the column {name}"
+        values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+        if len(values) != samples:
+            return None, f"{path.name}: {len(values)} rows, and the test has {samples}"
+        found[name] = values
+    return found, ""

@@ -1,0 +1,141 @@
+"""Draw and record one case: what it hides, its recordings, the test, and the answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dtbacklash.benchmark.plan import Planned
+from dtbacklash.benchmark.truth import Hidden, Truth
+from dtbacklash.benchmark.vocabulary import UNLISTED, WRONG_PARAMETER
+from dtbacklash.errors import Failure
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.prove.conceal import recording_table
+from dtbacklash.prove.draw import draw, record
+from dtbacklash.prove.secret import Secret
+
+#: length of a test and of each recording of a pair, s
+TEST_S, PAIR_S = 10.0, 15.0
+#: the noise of a further recording of the same machine has a seed so far from the first one's
+APART = 10_000
+#: a further motion that makes the machine run away is drawn again, at most so often
+ATTEMPTS = 10
+#: what changes: an effect that is new, or has grown from this share of its size, or a parameter by such a factor
+CHANGES = ("added", "grown", "parameter")
+GROWN_FROM, FACTOR = 0.4, (1.1, 1.3)
+CHANGE_STREAM = 7
+
+
+@dataclass(frozen=True)
+class Concealed:
+    """One case: tables of its recordings by name, of the test's command, and the answer."""
+
+    recordings: dict[str, pd.DataFrame]
+    test_input: pd.DataFrame
+    truth: Truth
+    noise: dict[str, float]
+    resolution: dict[str, float]
+
+
+def conceal(planned: Planned, nominal: Rig) -> Concealed:
+    """Make one case of a nominal rig; the same plan gives the same case to the last bit.
+
+    Raises UserError: nothing could be hidden that shows. Failure: no motion keeps the machine within bounds.
+    """
+    machine = "lifelike" if planned.lifelike else "clean"
+    kind = {"unlisted": "unknown", "change": "several"}.get(planned.kind, planned.kind)
+    secret = draw(planned.seed, nominal, kind, machine=machine)
+    if planned.kind == "change":
+        before, after, hidden = _pair(secret, nominal, planned.seed)
+        tables = {
+            "train": _further(before, nominal, 0)[1], "train_after": _further(after, nominal, 1)[1],
+        }  # fmt: skip
+        secret, allowed = after, [(hidden.place, hidden.effect)]
+        found = [hidden]
+    else:
+        tables = {"train": recording_table(secret, nominal, *record(secret, nominal))}
+        found, allowed = hidden_of(secret, nominal), allowed_in(secret, nominal)
+    run, test = _further(replace(secret, duration_s=TEST_S), nominal, 2)
+    per_si = {name: nominal.sensors[name].per_si for name in secret.channels}
+    oracle = {
+        name: float(np.sqrt(np.mean((test[name].to_numpy() - run.truth[name] * factor) ** 2)))
+        for name, factor in per_si.items()
+    }
+    truth = Truth(
+        planned.number, planned.machine, planned.kind, planned.split, planned.lifelike, found, allowed,
+        secret.visibility, {name: rounded(test[name]) for name in secret.channels}, oracle,
+    )  # fmt: skip
+    noise, resolution = (
+        {name: sizes[name] * factor for name, factor in per_si.items()} for sizes in (secret.noise, secret.resolution)
+    )
+    return Concealed(tables, test[["t", "u"]], truth, noise, resolution)
+
+
+def rounded(values: pd.Series) -> list[float]:
+    """A column with as many digits as its file has."""
+    return [float(f"{value:.9g}") for value in values]
+
+
+def hidden_of(secret: Secret, nominal: Rig) -> list[Hidden]:
+    """What a secret hides, in the words of an answer."""
+    if secret.kind == "parameters":
+        known = nominal.config.parameters
+        return [Hidden(name, WRONG_PARAMETER, v, known[name].unit) for name, v in secret.parameters.items()]
+    if secret.unknown:
+        return [Hidden(secret.unknown["location"], UNLISTED)]
+    return [_hidden(effect, nominal) for effect in secret.effects]
+
+
+def allowed_in(secret: Secret, nominal: Rig) -> list[tuple[str, str]]:
+    """What is no false name: parameters that are off, small things, and what names these rightly."""
+    found = [(name, WRONG_PARAMETER) for name in secret.parameters]
+    for thing in secret.beside:
+        found += [(thing["location"], thing.get("effect", UNLISTED)), *map(tuple, thing.get("akin", []))]
+    return [(str(place), str(effect)) for place, effect in found]
+
+
+def _hidden(effect: dict[str, Any], nominal: Rig) -> Hidden:
+    place, name = effect["location"], effect["effect"]
+    size = find(nominal.kind_at(place), name, place).size
+    unit, value = size.unit, effect["parameters"][size.name]
+    if place.startswith(SENSOR_PREFIX) and unit == "sensor's unit":
+        unit = nominal.sensors[place.removeprefix(SENSOR_PREFIX)].unit
+    return Hidden(place, name, float(value), unit)
+
+
+def _pair(secret: Secret, nominal: Rig, seed: int) -> tuple[Secret, Secret, Hidden]:
+    """A machine before and after a change of its main effect or of a parameter; all else is in both."""
+    rng = np.random.default_rng([seed, CHANGE_STREAM])
+    how, (main, *others) = str(rng.choice(CHANGES)), secret.effects
+    secret = replace(secret, duration_s=PAIR_S)
+    known = {name: p for name, p in nominal.config.parameters.items() if p.tolerance > 0.0}
+    if how == "parameter":
+        name = str(rng.choice(list(known)))
+        value = secret.parameters.get(name, known[name].value) * float(rng.uniform(*FACTOR))
+        after = replace(secret, parameters=secret.parameters | {name: value})
+        return secret, after, Hidden(name, WRONG_PARAMETER, value, known[name].unit)
+    hidden = _hidden(main, nominal)
+    if how == "added":
+        return replace(secret, effects=others), secret, hidden
+    size = find(nominal.kind_at(main["location"]), main["effect"], main["location"]).size.name
+    smaller = main | {"parameters": main["parameters"] | {size: GROWN_FROM * main["parameters"][size]}}
+    return replace(secret, effects=[smaller, *others]), secret, hidden
+
+
+def _further(secret: Secret, nominal: Rig, which: int) -> tuple[Any, pd.DataFrame]:
+    """Another recording of the same machine, with a motion and noise of its own: the run and its table.
+
+    Raises Failure: no motion keeps it within bounds.
+    """
+    for attempt in range(ATTEMPTS):
+        number = which + 3 * attempt
+        move = secret.excitation | {"seed": (secret.excitation["seed"] + number) % 2**31}
+        again = replace(secret, seed=secret.seed + APART * number, excitation=move)
+        loop, run = record(again, nominal)
+        if not run.diverged:
+            return run, recording_table(again, nominal, loop, run)
+    raise Failure("seed", secret.seed, f"its {secret.rig} ran away in {ATTEMPTS} further recordings")

@@ -1,0 +1,166 @@
+"""Make the benchmark's folder; cases that are there already are kept, so that it can be made in parts."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.resources import files as resources
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dtbacklash.benchmark import files, machines, real, vocabulary
+from dtbacklash.benchmark.conceal import Concealed, conceal
+from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, planned
+from dtbacklash.benchmark.truth import Truth
+from dtbacklash.campaign import engine
+from dtbacklash.campaign.engine import Backend, Tell
+from dtbacklash.campaign.jobs import Job
+from dtbacklash.errors import Failure, UserError
+from dtbacklash.files import json_text, read_json, write_bytes, write_text, written
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig_file import rig_content
+from dtbacklash.prove import seal
+
+
+def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, per_machine: int | None = None) -> int:
+    """Write a benchmark into a folder; returns the number of its cases.
+
+    key_file : opens the seals; made if it is not there. The same seed and key give the same files to the byte.
+    per_machine : concealed cases of each machine, for a smaller one; None: all.
+
+    Raises UserError: the folder holds something else, or a key lies in it. KeyboardInterrupt: finished cases stay.
+    """
+    if out.absolute() in key_file.absolute().parents:
+        raise UserError("key", key_file, f"a file outside {out}: who gets the benchmark must not get the key")
+    plan, name = planned(seed, per_machine), out / files.ABOUT
+    about = {"name": "dtbacklash benchmark", "version": VERSION, "seed": seed, "concealed": len(plan)}
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and read_json(name).get("seed") is None)):
+        raise UserError("out", out, "holds something else; give an empty or a new folder")
+    if name.exists() and read_json(name) != about:
+        raise UserError("out", out, "holds another benchmark; give a new folder")
+    seal.read_or_make_key(key_file)
+    write_text(name, files.data_text(about))
+    jobs = [Making(out / files.CASES / one.number, one, key_file) for one in plan]
+    engine.complete(jobs, by, tell, "concealing", "cases")
+    for j, recording in enumerate(real.RECORDINGS):
+        _write_real(out / files.CASES / f"{len(plan) + j + 1:03d}", recording)
+    _write_machines(out)
+    _write_vocabulary(out)
+    write_text(out / files.README, resources("dtbacklash.benchmark").joinpath("entry.md").read_text(encoding="utf-8"))
+    write_bytes(out / files.HASHES, files.digest(out))
+    return len(plan) + len(real.RECORDINGS)
+
+
+@dataclass(frozen=True)
+class Making(Job):
+    """Make one case in the folder ``record``."""
+
+    record: Path
+    planned: Planned
+    key_file: Path
+
+    def done(self) -> bool:
+        return self.record.exists()
+
+    def work(self) -> None:
+        rig = files.nominal(self.planned.machine)
+        write_case(self.record, self.planned, rig, conceal(self.planned, rig), seal.read_key(self.key_file))
+
+    def died(self, error: Exception | None) -> None:
+        raise error or Failure("seed", self.planned.seed, "no case came of it: its worker died")
+
+
+def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes) -> None:
+    """Write a case, complete or not at all."""
+    with written(folder) as scratch:
+        scratch.mkdir()
+        for name, table in made.recordings.items():
+            (scratch / f"{name}.csv").write_text(files.text_of(table), encoding="utf-8")
+        (scratch / files.TEST_INPUT).write_text(files.text_of(made.test_input), encoding="utf-8")
+        (scratch / files.CASE).write_text(files.data_text(_said(one, rig, made)), encoding="utf-8")
+        if one.split == "development":
+            (scratch / files.ANSWER).write_text(made.truth.to_json(), encoding="utf-8")
+            output = files.text_of(pd.DataFrame({"t": made.test_input["t"], **made.truth.test}))
+            (scratch / files.TEST_OUTPUT).write_text(output, encoding="utf-8")
+            return
+        sealed = seal.seal_text(made.truth.to_json(), files.sealed_content(scratch), key)
+        (scratch / seal.SEALED).write_text(json_text(sealed), encoding="utf-8")
+
+
+def _said(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
+    """The content of a case's ``case.yaml``."""
+    channels = {name: rig.sensors[name] for name in made.truth.test}
+    instruments = {
+        name: {"of": s.of, "quantity": s.quantity, "unit": s.recorded_in, "noise": made.noise[name],
+               "count": made.resolution[name]}
+        for name, s in channels.items()
+    }  # fmt: skip
+    train = made.recordings["train"]
+    return {
+        "case": one.number, "machine": one.machine, "split": one.split,
+        "task": "change" if one.kind == "change" else "missing", "recordings": [f"{n}.csv" for n in made.recordings],
+        "test": files.TEST_INPUT, "sample_time_s": float(f"{train['t'].iloc[1]:.9g}"),
+        "columns": {"t": "s", "r": "the reference of its controller (no input)", "u": "V",
+                    **{n: s.recorded_in for n, s in channels.items()}},
+        "predict": list(channels), "instruments": instruments,
+    }  # fmt: skip
+
+
+def _write_real(folder: Path, recording: real.Real) -> None:
+    """Write the case of a real recording: a copy where the licence allows one, else how to get it."""
+    about, found = real.about(recording), real.table(recording)
+    truth = Truth(folder.name, about["machine"], "real", "real", False, list(recording.hidden), list(recording.allowed))
+    said: dict[str, Any] = {"case": folder.name, "split": "real", "task": "missing", **about}
+    shutil.rmtree(folder, ignore_errors=True)
+    with written(folder) as scratch:
+        scratch.mkdir()
+        if found is not None:
+            frame, units = found
+            (scratch / "train.csv").write_text(files.text_of(frame), encoding="utf-8")
+            said |= {"recordings": ["train.csv"], "columns": units}
+        (scratch / files.CASE).write_text(files.data_text(said), encoding="utf-8")
+        (scratch / files.ANSWER).write_text(truth.to_json(), encoding="utf-8")
+
+
+def _write_machines(out: Path) -> None:
+    """Write each machine as data, in words, and as an MJCF where it can be one; machines of real recordings as data."""
+    for name in _machines():
+        rig = files.nominal(name)
+        write_text(out / files.MACHINES / f"{name}.yaml", files.data_text(rig_data(rig)))
+        if name in MACHINES:
+            write_text(out / files.MACHINES / f"{name}.md", machines.description(name, rig))
+            if model := machines.mjcf(rig):
+                write_text(out / files.MACHINES / f"{name}.xml", model)
+
+
+def rig_data(rig: Rig) -> dict[str, Any]:
+    """A rig as plain data without what is not set."""
+
+    def plain(value: Any) -> Any:
+        if hasattr(value, "__dataclass_fields__"):
+            value = asdict(value)
+        if isinstance(value, dict):
+            return {key: plain(item) for key, item in value.items() if item not in (None, "", {}, [])}
+        return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+    found: dict[str, Any] = plain(rig_content(rig))
+    return found
+
+
+def _machines() -> Sequence[str]:
+    return list(dict.fromkeys([*MACHINES, *(str(real.about(one)["machine"]) for one in real.RECORDINGS)]))
+
+
+def _write_vocabulary(out: Path) -> None:
+    rows = [
+        {"machine": name, "place": place, "synonyms": what if count == 1 else "", "what": what}
+        for name in _machines()
+        for there in [machines.places(files.nominal(name))]
+        for place, what in there
+        for count in [sum(w == what or vocabulary.plain(p) == vocabulary.plain(what) for p, w in there)]
+    ]
+    write_text(out / files.PLACES, files.text_of(pd.DataFrame(rows)))
+    write_text(out / files.VOCABULARY, vocabulary.FILE.read_text(encoding="utf-8"))

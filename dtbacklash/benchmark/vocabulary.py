@@ -1,0 +1,51 @@
+"""The words of an answer, and how a person's spelling becomes one of them. Standard library only."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+FILE = Path(__file__).with_name("vocabulary.csv")
+#: a parameter with another value than the model's, and physics that no other word means
+WRONG_PARAMETER, UNLISTED = "wrong_parameter", "unlisted"
+
+
+def plain(text: str) -> str:
+    """A word without case, and with single underscores for all that is no letter or digit."""
+    return re.sub(r"[^a-z0-9]+", "_", text.strip().lower()).strip("_")
+
+
+def table(words: Iterable[tuple[str, Iterable[str]]]) -> dict[str, str]:
+    """Plain spelling -> word, for words with their synonyms.
+
+    Raises ValueError: a spelling that stands for two words.
+    """
+    found: dict[str, str] = {}
+    for word, synonyms in words:
+        for spelling in (word, *synonyms):
+            if found.setdefault(plain(spelling), word) != word:
+                raise ValueError(f"{spelling!r} stands for {found[plain(spelling)]} and for {word}")
+    return found
+
+
+@cache
+def effects() -> dict[str, str]:
+    """Plain spelling -> effect."""
+    with FILE.open(encoding="utf-8", newline="") as file:
+        return table((row["effect"], filter(None, row["synonyms"].split(";"))) for row in csv.DictReader(file))
+
+
+def meant(text: str, known: Mapping[str, str]) -> str:
+    """The word that a spelling stands for.
+
+    Raises ValueError: no such word; says which one is near.
+    """
+    found = known.get(plain(text))
+    if found is None:
+        near = difflib.get_close_matches(plain(text), known, n=1)
+        raise ValueError(f"{text!r} is not in the vocabulary" + (f"; did you mean {known[near[0]]}?" if near else ""))
+    return found

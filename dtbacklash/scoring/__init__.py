@@ -1,0 +1,1 @@
+"""What every score counts with: shares with their intervals, medians with theirs, intervals that hold the truth."""

@@ -1,0 +1,79 @@
+"""``dtb diagnose`` itself: its findings, alternatives, recalibrated parameters, and the prediction of its rig."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import dtbacklash as dtb
+from dtbacklash.diagnosis.result import Diagnosis
+from dtbacklash.physics.catalogue import find
+from dtbacklash.recording.model import Recording
+from studies.baselines.case import Case, Found, simulated
+
+#: confidence -> how often such a name has been right in blind proofs (docs/proof.md); of alternatives, shared by them
+CERTAINTY = {"sure": 0.97, "one_of": 0.85, "partial": 0.55}
+
+
+def answer(case: Case) -> Found:
+    """Diagnose the recording; of a pair, what changed."""
+    recordings = [Recording.from_frame(table, rig=case.rig, units={n: s.unit for n, s in case.rig.sensors.items()
+                                                                   if n in table}, trust_units=True)
+                  for table in (t.drop(columns="r") for t in case.recordings)]  # fmt: skip
+    changes = len(recordings) > 1
+    compare: Any = "change" if changes else None
+    found: Any = dtb.diagnose(recordings if changes else recordings[0], case.rig, compare=compare)
+    rows = _changes(found, case) if changes else _findings(found, case)
+    return Found(rows, simulated(found.extended, case.test, case.step_s))
+
+
+def _findings(found: Diagnosis, case: Case) -> list[dict[str, Any]]:
+    said = found.to_json()
+    rows = []
+    for finding in said["findings"]:
+        place, effect = finding["location"], finding.get("effect")
+        if not effect:
+            continue
+        certainty = CERTAINTY[finding["confidence"]]
+        others = finding["also_fits"] if finding["confidence"] != "sure" else []
+        if effect.endswith("_table"):
+            rows.append({"place": place, "effect": "unlisted", "certainty": certainty})
+            continue
+        size = finding["parameters"].get(find(case.rig.kind_at(place), effect, place).size.name, {})
+        low, high = size.get("ci95", (None, None))
+        rows.append({"place": place, "effect": effect, "size": size.get("value"), "unit": size.get("unit"),
+                     "low": low, "high": high, "certainty": certainty})  # fmt: skip
+        rows += [{"place": o["location"], "effect": o["effect"], "certainty": (1.0 - certainty) / len(others)}
+                 for o in others if o.get("effect") and not o["effect"].endswith("_table")]  # fmt: skip
+    located = (said.get("located") or {}).get("location")
+    if said["verdict"] == "unexplained" and located and not any(r["place"] == located for r in rows):
+        rows.append({"place": located, "effect": "unlisted", "certainty": 0.6})
+    parameters = case.rig.config.parameters
+    for name, one in said["recalibrated"].items():
+        if name in parameters:
+            (low, high), unit = one["ci95"], parameters[name].unit
+            rows.append({"place": name, "effect": "wrong_parameter", "size": one["value"], "unit": unit,
+                         "low": low, "high": high, "certainty": 0.8})  # fmt: skip
+    return _once(rows)
+
+
+def _changes(found: Diagnosis, case: Case) -> list[dict[str, Any]]:
+    rows = []
+    for change in found.changes or ():
+        place, _, rest = change.title.partition(".")
+        certainty = CERTAINTY.get(change.confidence, 0.5)
+        is_parameter = place in case.rig.config.parameters and not rest
+        effect = "wrong_parameter" if is_parameter else rest.partition(".")[0]
+        rows.append({"place": place, "effect": effect, "certainty": certainty})
+    return _once(rows)
+
+
+def _once(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Each name once, the more certain one."""
+    best: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in rows:
+        key = row["place"], row["effect"]
+        if key not in best or row["certainty"] > best[key]["certainty"]:
+            best[key] = {k: (None if isinstance(v, float) and not np.isfinite(v) else v) for k, v in row.items()}
+    return list(best.values())

@@ -1,0 +1,156 @@
+"""The benchmark from outside: made by the command line, read with numpy and pandas alone, scored."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash import cli
+from dtbacklash.benchmark import plan
+from dtbacklash.benchmark.files import nominal
+from dtbacklash.benchmark.machines import EQUATIONS, mjcf
+from dtbacklash.physics.simulate import simulate
+
+#: of a machine: everything that reads a benchmark without this package may import
+ALONE = """
+import sys
+class Only:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"dtbacklash", "yaml", "scipy", "cryptography", "omegaconf", "hydra", "pyarrow"}:
+            raise ImportError(name)
+sys.meta_path.insert(0, Only())
+import json, pathlib
+import numpy, pandas
+bench, count = pathlib.Path(sys.argv[1]), 0
+for file in sorted(bench.rglob("*")):
+    if file.suffix == ".csv":
+        assert len(pandas.read_csv(file).columns) > 1
+    elif file.suffix in (".yaml", ".json"):
+        assert json.loads(file.read_text(encoding="utf-8"))
+    count += file.suffix in (".csv", ".yaml", ".json")
+print(count)
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A benchmark of two small cases: one of each split, and the real ones."""
+    folder = tmp_path_factory.mktemp("benchmark")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "MACHINES", ("pendulum",))
+        assert cli.main(["benchmark", "make", f"out={folder / 'bench'}", "seed=40", "per_machine=2", "jobs=1"]) == 0
+    return folder / "bench"
+
+
+@pytest.mark.check
+def test_the_same_seed_and_key_give_the_same_files_to_the_byte(bench, monkeypatch):
+    monkeypatch.setattr(plan, "MACHINES", ("pendulum",))
+    again, key = bench.with_name("again"), bench.with_name("bench.key")
+    assert cli.main(["benchmark", "make", f"out={again}", f"key={key}", "seed=40", "per_machine=2", "jobs=1"]) == 0
+    assert (again / "SHA256SUMS").read_bytes() == (bench / "SHA256SUMS").read_bytes()
+    assert (again / "cases" / "001" / "train.csv").read_bytes() == (bench / "cases" / "001" / "train.csv").read_bytes()
+
+
+@pytest.mark.check
+def test_numpy_and_pandas_alone_read_every_file(bench):
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE, str(bench)], capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 30
+
+
+@pytest.mark.check
+def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
+    cases = [json.loads((f / "case.yaml").read_text()) for f in sorted((bench / "cases").iterdir())]
+    entry = tmp_path / "hand"
+    entry.mkdir()
+    (entry / "answers.csv").write_text("Case;Place;Effect;Certainty\n1;Disk;gravity;0,4\n2;Disk;nonsense;1\n")
+    for case in cases[:2]:
+        samples = len(pd.read_csv(bench / "cases" / case["case"] / "test_input.csv"))
+        zeros = pd.DataFrame(np.zeros((samples, len(case["predict"]))), columns=case["predict"])
+        zeros.to_csv(entry / f"{case['case']}.csv", index=False)
+    words = ["benchmark", "score", str(entry), str(bench)]
+    assert cli.main(words) == 2  # the second case is sealed
+    assert "is sealed; give key=FILE" in capsys.readouterr().err
+    assert cli.main([*words, f"key={bench.with_name('bench.key')}"]) == 0
+    said = capsys.readouterr()
+    assert said.err.splitlines() == [
+        "dtb: answers.csv, line 3: 'nonsense' is not in the vocabulary; the row is left out"
+    ]
+    figures = pd.read_csv(tmp_path / "hand_score" / "score.csv").set_index(["name", "group"])
+    assert figures.loc[("prediction", "all"), "of"] == 2
+    assert figures.loc[("prediction", "all"), "value"] > 1.0
+    assert figures.loc[("nothing", "all"), "right"] == 2  # two pendulums that lack nothing
+    assert (tmp_path / "hand_score" / "report.html").is_file()
+
+
+@pytest.mark.check
+def test_a_recording_that_was_changed_is_refused(bench, tmp_path, capsys):
+    import shutil
+
+    other = tmp_path / "bench"
+    shutil.copytree(bench, other)
+    sealed = next(other.glob("cases/*/sealed.json")).parent
+    with (sealed / "train.csv").open("a") as file:
+        file.write("0,0,0,0,0\n")
+    (tmp_path / "answers.csv").write_text("case,place,effect\n")
+    key = bench.with_name("bench.key")
+    assert cli.main(["benchmark", "score", str(tmp_path), str(other), f"key={key}", "out=score"]) == 2
+    assert "is not the one that was sealed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["what"], "choose one of make, score"), (["make", "size=3"], "no such setting"),
+    (["make", "jobs=0"], "at least 1"),
+    (["make", "out=b", "key=b/key"], "must not get the key"),
+    (["score", "a"], "write dtb benchmark score ANSWERS BENCH"),
+    (["score", "a", "b"], "holds no case"), (["score", "a", "b", "split=some"], "choose one of all"),
+])  # fmt: skip
+def test_a_mistake_is_one_line(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["benchmark", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_published_plan_has_its_cases_of_each_kind():
+    every = plan.planned()
+    assert len(every) == 120
+    assert sum(one.split == "development" for one in every) == 30
+    assert len({one.seed for one in every}) == 120
+    assert min(one.seed for one in every) >= 970_000
+
+
+@pytest.mark.parametrize("name", plan.MACHINES)
+def test_the_words_of_a_machine_name_each_parameter_and_sensor(name):
+    rig = nominal(name)
+    assert all(f"{one}" in EQUATIONS[name] for one in (*rig.config.parameters, *rig.sensors))
+
+
+@pytest.mark.parametrize("name", ["two_mass_stage", "pendulum", "oscillator"])
+def test_mujoco_moves_a_machine_as_the_simulator_does(name):
+    mujoco = pytest.importorskip("mujoco")
+    rig = nominal(name)
+    model = mujoco.MjModel.from_xml_string(mjcf(rig))
+    data = mujoco.MjData(model)
+    step_s, n = 1e-3, 1000
+    u = np.sin(2.0 * np.pi * 1.5 * step_s * np.arange(n))
+    expected = simulate(rig, u, step_s).sensors
+    shown = np.zeros((n, len(rig.sensors)))
+    for k in range(n):
+        mujoco.mj_forward(model, data)
+        shown[k] = data.sensordata
+        data.ctrl[0] = u[k]
+        for _ in range(round(step_s / model.opt.timestep)):
+            mujoco.mj_step(model, data)
+    for j, channel in enumerate(rig.sensors):
+        size = float(np.std(expected[channel][:n]))
+        assert np.max(np.abs(shown[:, j] - expected[channel][:n])) < 0.01 * size

@@ -1,0 +1,84 @@
+"""Each figure of the score on answers whose score is known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash.benchmark import judge
+from dtbacklash.benchmark.score import error_ratio
+from dtbacklash.errors import UserError
+from dtbacklash.report.benchmark import page
+
+HEAD = "case,place,effect,size,unit,low,high,certainty\n"
+RIGHT = [0.0, 1.1, 2.1, 1.1]
+
+
+@pytest.fixture
+def scored(bench, answers):
+    """Scores a table of answers with predictions."""
+    return lambda text, **predictions: judge.judge(answers(HEAD + text, **predictions), bench, None, "all", "tool")
+
+
+def counts(score, *names):
+    return [(score.figure(name).right, score.figure(name).of) for name in names]
+
+
+def test_a_right_answer_is_right_in_every_figure(scored):
+    score = scored("1,table,viscous_friction,21,N s/m,19,23,1\n3,spring,unlisted,,,,,1\n", _001=RIGHT)
+    names = "named", "place", "nothing", "false_names", "no_false_name", "size", "coverage"
+    assert counts(score, *names) == [(2, 2), (2, 2), (1, 1), (0, 2), (3, 3), (1, 1), (1, 1)]
+    ratio = score.figure("prediction")
+    assert ratio.of == 1
+    assert ratio.value == pytest.approx(np.sqrt(3) / 2)  # an error of one oracle's in three of four samples
+    assert score.figure("named", "lifelike").of == 1
+
+
+def test_a_wrong_name_at_the_right_place_is_false_and_locates(scored):
+    score = scored("1,table,delay,,,,,1\n3,spring,cubic_stiffness,,,,,0.9\n")
+    assert counts(score, "named", "place", "false_names", "no_false_name") == [(0, 2), (2, 2), (2, 2), (1, 3)]
+
+
+def test_an_unsure_name_counts_for_the_calibration_alone(scored):
+    score = scored("1,table,viscous_friction,,,,,0.3\n1,spring,delay,,,,,0.3\n")
+    assert counts(score, "named", "false_names", "no_false_name") == [(0, 2), (0, 0), (3, 3)]
+    assert [(b.right, b.of) for b in score.bins] == [(1, 2)]
+    assert score.bins[0].certainty == pytest.approx(0.3)
+
+
+def test_a_small_thing_that_the_machine_has_is_neither_right_nor_false(scored):
+    score = scored("2,table,delay,,,,,1\n")
+    assert counts(score, "named", "nothing", "false_names") == [(0, 2), (0, 1), (0, 1)]
+    assert score.bins == []
+
+
+def test_a_size_that_is_off_and_an_interval_that_misses(scored):
+    score = scored("1,table,viscous_friction,23,N s/m,22,24,1\n")
+    assert counts(score, "size", "coverage") == [(0, 1), (0, 1)]
+
+
+def test_a_prediction_that_runs_away_is_a_large_number(bench):
+    truth = judge.files.truth_of(bench / "cases" / "001", None)
+    assert error_ratio(truth, {"x": np.array([0.0, np.nan, 1e300, -np.inf])}) == pytest.approx(1e6 * np.sqrt(0.75))
+    assert error_ratio(truth, None) is None
+
+
+def test_the_page_and_its_tables_say_the_same(scored, tmp_path):
+    score = scored("1,table,delay,,,,,1\nx,y\n")
+    page.write(score, tmp_path / "score")
+    rows = pd.read_csv(tmp_path / "score" / "score.csv")
+    assert len(rows) == len(score.figures)
+    assert rows.set_index(["name", "group"]).loc[("place", "all"), "value"] == 0.5
+    text = (tmp_path / "score" / "report.html").read_text(encoding="utf-8")
+    assert "answers.csv, line 3" in text
+    assert "1/2" in text
+
+
+def test_sealed_answers_need_their_key(bench, answers):
+    (bench / "cases" / "001" / "answer.json").unlink()
+    with pytest.raises(UserError, match="is sealed"):
+        judge.judge(answers(HEAD), bench, None, "all", "tool")
+
+
+def test_what_is_no_benchmark_is_refused(tmp_path, answers):
+    with pytest.raises(UserError, match="holds no case"):
+        judge.judge(answers(HEAD), tmp_path / "none", None, "all", "tool")

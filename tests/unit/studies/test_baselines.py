@@ -1,0 +1,51 @@
+"""Each adapter answers three cases of the benchmark, and its answers are read and scored without a complaint."""
+
+import importlib
+
+import pytest
+
+from dtbacklash.benchmark import make, plan
+from dtbacklash.benchmark.judge import judge
+from dtbacklash.campaign.backends import Workers
+from studies import benchmark
+from studies.baselines.case import load, write
+
+#: what an adapter needs besides
+NEEDS = {"sindy": "pysindy", "gaussian_process": "sklearn", "arx": "sysidentpy"}
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    """The cases of two machines and a third, with the folder of the benchmark."""
+    folder = tmp_path_factory.mktemp("bench") / "bench"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "MACHINES", ("pendulum", "oscillator", "rotary_drive"))
+        make.make(folder, folder.with_name("key"), Workers("loky", 1), lambda *_: None, seed=60, per_machine=1)
+    found = [load(one) for one in sorted((folder / "cases").iterdir())[:3]]
+    assert None not in found
+    return folder, found
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("tool", benchmark.CHEAP)
+def test_an_adapter_answers(tool, cases, tmp_path):
+    if tool in NEEDS:
+        pytest.importorskip(NEEDS[tool])
+    folder, given = cases
+    adapter = importlib.import_module(f"studies.baselines.{tool}")
+    answers = {case.number: (case, adapter.answer(case)) for case in given}
+    write(tmp_path / tool, answers)
+    score = judge(tmp_path / tool, folder, folder.with_name("key"), "all", tool)
+    assert score.problems == []
+    assert score.cases == score.figure("prediction").of == 3
+    assert score.figure("prediction").value >= 0.9  # no prediction is better than the true machine's
+
+
+@pytest.mark.nightly
+def test_the_diagnosis_answers(cases, tmp_path):
+    folder, given = cases
+    answers = benchmark.run("diagnose", given[:1])
+    write(tmp_path / "diagnose", answers)
+    score = judge(tmp_path / "diagnose", folder, folder.with_name("key"), "all", "diagnose")
+    assert score.problems == []
+    assert score.figure("nothing").right == 1
