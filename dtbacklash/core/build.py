@@ -18,8 +18,11 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 HERE = Path(__file__).parent
-HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h")
-SOURCES = ("laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c")
+HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h", "external.h")
+SOURCES = (
+    "laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c", "external.c",
+    "model_exchange.c",
+)  # fmt: skip
 LIBRARY, DECLARED = "_core.so", "_declared.py"
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]

@@ -13,3 +13,5 @@
 #include "control.c"
 #include "indexes.c"
 #include "loop.c"
+#include "external.c"
+#include "model_exchange.c"

@@ -65,10 +65,17 @@ def copied(array: np.ndarray, *shape: int) -> Any:
 def struct(kind: str, **fields: Any) -> Any:
     """A struct of the core, by its name in a header; the arrays that it points to live as long as it does.
 
-    fields : numbers; arrays, as for :func:`buffer`; structs made so.
+    fields : numbers, of a pointer an address; arrays, as for :func:`buffer`; structs made so.
     """
     inside = dict(ffi.typeof(kind).fields)
     kept = {name: buffer(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
-    made = ffi.new(f"{kind} *", {n: v[0] if inside[n].type.kind == "struct" else v for n, v in kept.items()})
+    made = ffi.new(f"{kind} *", {name: _field(inside[name].type, value) for name, value in kept.items()})
     _pointed_to[made] = kept
     return made
+
+
+def _field(kind: Any, value: Any) -> Any:
+    """A value as a field of a struct takes it."""
+    if kind.kind == "struct":
+        return value[0]
+    return ffi.cast(kind, value) if kind.kind in ("pointer", "function") and isinstance(value, int) else value
