@@ -1,4 +1,4 @@
-"""From an effect to what the core calls: a function of ``laws.c``, a formula's program, or a function of Python."""
+"""From an effect to what the core calls: a function of ``laws.c``, a formula's program, or an address."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.core.library import LAWS, buffer, ffi, lib
 from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.c_law import c_law_of
 from dtbacklash.physics.effects.declare import Effect, Values
-from dtbacklash.physics.effects.slots import ROW, ROW_PARAMETERS, Law, Slot, formula_of
+from dtbacklash.physics.effects.slots import ROW_PARAMETERS, Law, Slot, formula_of
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 
@@ -83,21 +84,12 @@ def _base(slot: type[Slot]) -> type[Slot]:
 
 
 def _of_other(law: Law, names: tuple[str | int, ...], slot: type[Slot]) -> Called:
-    """A law that others have registered; a function of Python is compiled as the core calls it."""
+    """A law that others have registered, or that the package has under another name."""
     if formula := formula_of(law):
         places = dict(zip(formula.names, names, strict=True))
         return program(formula.program(), places, slot)
-    given = [
-        f"p[{one}]" if isinstance(one, int) else "p" if one == ROW else f"at[{slot.states.index(one)}]" for one in names
-    ]
-    from numba import cfunc
-
-    from dtbacklash.physics.kernel.numba_laws import jitted
-
-    space: dict[str, Any] = {"law": jitted(law)}
-    exec(f"def called(at, p):\n    return float(law({', '.join(given)}))", space)
-    made = cfunc("float64(CPointer(float64), CPointer(float64))", error_model="numpy")(space["called"])
-    return Called(ffi.cast(_FUNCTION, made.address), ffi.NULL, made)
+    c_law = c_law_of(law)
+    return Called(ffi.cast(_FUNCTION, c_law.address), ffi.NULL, c_law) if c_law else core_law(law, slot)
 
 
 def program(steps: list[tuple[str, Any]], places: dict[str, str | int], slot: type[Slot]) -> Called:
