@@ -8,7 +8,7 @@ BIN := .venv/bin
 # what runs need, and what work on the code needs beside it
 READY := .venv/.ready
 ALL := .venv/.all
-# the compiled core; made anew where its sources have changed
+# the compiled libraries; made anew where their sources have changed
 CORE := .venv/.core
 # a complete lock needs no search for what fits, and what nobody imports needs no bytecode
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile
@@ -103,7 +103,7 @@ $(READY): requirements.lock pyproject.toml hatch_build.py
 	$(INSTALL) --no-build-isolation -e .
 	@touch $(READY)
 
-$(CORE): $(wildcard dtbacklash/core/*.[ch]) dtbacklash/core/build.py $(READY)
+$(CORE): $(wildcard dtbacklash/core/*.[ch] dtbacklash/prove/simulator/*.[ch]) dtbacklash/core/build.py $(READY)
 	@$(BIN)/python -m dtbacklash.core.build
 	@touch $(CORE)
 
@@ -112,6 +112,6 @@ $(ALL): requirements-all.lock $(CORE)
 	@touch $(ALL)
 
 clean:
-	rm -f dtbacklash/core/_core.so dtbacklash/core/_declared.py
+	rm -f dtbacklash/core/_core.so dtbacklash/prove/simulator/_simulator.so dtbacklash/*/_declared.py dtbacklash/*/*/_declared.py
 	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,4 +1,4 @@
-"""Compiles the core when the package is built, or installed in place."""
+"""Compiles the libraries in C when the package is built, or installed in place."""
 
 import runpy
 import sysconfig
@@ -9,7 +9,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class CoreBuildHook(BuildHookInterface):
-    """Wheels hold a library for this platform, which any Python loads."""
+    """Wheels hold libraries for this platform, which any Python loads."""
 
     def _build(self) -> dict[str, Any]:
         return runpy.run_path(str(Path(self.root) / "dtbacklash" / "core" / "build.py"))
@@ -19,7 +19,7 @@ class CoreBuildHook(BuildHookInterface):
         return [] if self._build()["compiler"]() else ["ziglang>=0.13"]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile the library beside its sources, from where it goes into the wheel."""
+        """Compile the libraries beside their sources, from where they go into the wheel."""
         self._build()["make"]()
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data |= {"pure_python": False, "tag": f"py3-none-{platform}"}

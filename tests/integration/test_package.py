@@ -117,7 +117,8 @@ def test_dtb_runs_from_the_wheel_in_an_empty_folder(unpacked: Path, tmp_path: Pa
     assert "nimc_twin" in python("-m", "dtbacklash.cli", "run", "--help")
     assert "lead_screw" in python("-m", "dtbacklash.cli", "run", "--cfg", "job")
     assert "emps" in python("-m", "dtbacklash.cli", "recordings")
-    assert str(unpacked) in python("-c", "from dtbacklash.core import build, library; print(build.HERE, library.lib)")
+    for module in ("dtbacklash.core", "dtbacklash.prove.simulator"):
+        assert str(unpacked) in python("-c", f"from {module} import library; print(library.__file__, library.lib)")
 
 
 def pins(name: str) -> set[str]:

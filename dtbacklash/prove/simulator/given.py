@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 from dtbacklash.arrays import Floats
-from dtbacklash.prove.simulator import arrays as col
+from dtbacklash.prove.simulator.library import lib
 
 
 @dataclass(frozen=True)
 class Unlisted:
-    """Physics that the catalogue lacks; its kind is the constant of :mod:`.arrays` with its name in capitals.
+    """Physics that the catalogue lacks; its kind is the constant of ``machine.h`` with its name in capitals.
 
     scale : the typical size of the state that it depends on, or the second ripple's share of the first.
     wave, phase, second, shift : wave number and phase of a ripple, and of a second one. seed : of its course.
@@ -28,7 +28,7 @@ class Unlisted:
 
 @dataclass(frozen=True)
 class Loop:
-    """What drives the rig: open loop (V), or closed loop on a reference (m, rad) by a controller of :mod:`.step`.
+    """What drives the rig: open loop (V), or closed loop on a reference (m, rad) by a controller of ``simulator.c``.
 
     reference, dither : (N+1,). disturbance : the same, or (N+1, number of unknown laws). filter_rad_s : of the
     prefilter. limit : V.
@@ -51,7 +51,7 @@ class Loop:
     @property
     def mode(self) -> int:
         """The number of the simulator's controller."""
-        return col.OPEN if not self.closed else col.PID if self.pid else col.CASCADE
+        return int(lib.OPEN if not self.closed else lib.PID if self.pid else lib.CASCADE)
 
 
 @dataclass(frozen=True)

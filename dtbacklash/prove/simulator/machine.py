@@ -1,16 +1,16 @@
-"""The concealing simulator: from a rig's description to the arrays of :mod:`.step`."""
+"""The concealing simulator: from a rig's description to the arrays of its inner loop."""
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.element_kinds import ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
-from dtbacklash.prove.simulator import arrays as col
-from dtbacklash.prove.simulator.arrays import Machine
 from dtbacklash.prove.simulator.given import Errors, Unlisted
+from dtbacklash.prove.simulator.library import lib as col
 
 #: damping of a compliant screw against the mass that it carries
 SCREW_DAMPING_RATIO = 0.02
@@ -22,6 +22,27 @@ STEPS_LAG = 1000
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
 BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)
+
+
+class Machine(NamedTuple):
+    """A rig with ``nb`` bodies, of which the first is the motor's rotor.
+
+    inertia (nb,), body (nb, N_BODY), link (nl, N_LINK), link_ends (nl, 2), friction (nf, N_FRICTION), friction_ends
+    (nf, 2), drive (N_DRIVE,), sensor (ns, N_SENSOR), unknown (nu, N_UNKNOWN). The state is
+    [current, screw's angle, positions (nb), velocities (nb)].
+    """
+
+    sample_time: float
+    substeps: int
+    inertia: Floats
+    body: Floats
+    link: Floats
+    link_ends: Ints
+    friction: Floats
+    friction_ends: Ints
+    drive: Floats
+    sensor: Floats
+    unknown: Floats
 
 
 @dataclass

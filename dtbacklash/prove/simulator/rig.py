@@ -2,17 +2,16 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.simulator import arrays as col
-from dtbacklash.prove.simulator.arrays import Memory, Signals
 from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
-from dtbacklash.prove.simulator.machine import body_names, machine
-from dtbacklash.prove.simulator.step import run_machine
+from dtbacklash.prove.simulator.library import buffer, copied, lib, struct
+from dtbacklash.prove.simulator.machine import Machine, body_names, machine
 
 #: the kinds of element and the effects that this simulator has
 KINDS = (
@@ -82,28 +81,59 @@ def simulate_other(
     errors = errors or Errors()
     m = machine(rig, sample_time_s, errors, *unknown)
     n, sensors, size = len(loop.reference), len(rig.sensors), 2 + 2 * len(m.inertia)
-    bristles = 2 * len(m.friction)
-    memory = Memory(
-        x=np.zeros(size), start=np.zeros(size), trial=np.zeros(size), total=np.zeros(size), rates=np.zeros(size),
-        force=np.zeros(len(m.inertia)), lost=np.zeros(len(m.inertia)), bristle=np.zeros(bristles),
-        bristle_start=np.zeros(bristles), yielding_start=np.zeros(2 * len(m.link)),
-        scalar=np.zeros(col.N_SCALAR), control=np.zeros(col.N_HELD), course=np.zeros((3, len(unknown))),
-    )  # fmt: skip
-    control = np.zeros(col.N_CONTROL)
-    control[col.C_MODE], control[col.C_GAIN], control[col.C_LIMIT] = loop.mode, loop.gain, loop.limit
-    control[col.C_FILTER] = -math.expm1(-loop.filter_rad_s * sample_time_s)
-    control[col.C_INTEGRAL] = loop.integral * sample_time_s
-    control[col.C_RATE], control[col.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
-    looked_at = (0, 0) if not loop.closed else (list(rig.sensors).index(loop.pid),) * 2 if loop.pid else roles(rig)
-    noise = np.zeros((n, sensors)) if errors.draws is None else errors.draws
-    courses = np.broadcast_to(loop.disturbance.reshape(n, -1), (n, len(unknown))).copy()
-    signals = Signals(loop.reference, loop.dither, courses, noise, np.array(looked_at, dtype=np.int64))
-    late = float(m.sensor[:, col.Y_DELAY].max(initial=0.0))
-    history = np.zeros((2 + math.ceil(late / sample_time_s * m.substeps + 1e-9), sensors))
     u, truth, seen, states = np.zeros(n), np.zeros((n, sensors)), np.zeros((n, sensors)), np.zeros((n, size))
-    good = run_machine(m, memory, control, signals, history, u, truth, seen, states)
+    good = lib.dtb_run_machine(
+        _machine(m), _memory(m), _signals(m, loop, errors, rig), _history(m),
+        buffer(u), buffer(truth), buffer(seen), buffer(states),
+    )  # fmt: skip
     by_sensor = dict(zip(rig.sensors, truth.T, strict=True)), dict(zip(rig.sensors, seen.T, strict=True))
     return Trial(u, *by_sensor, states, body_names(rig), int(good), sample_time_s)
+
+
+def _machine(m: Machine) -> Any:
+    counts = {"bodies": len(m.inertia), "links": len(m.link), "frictions": len(m.friction)}
+    return struct("Machine", **counts, sensors=len(m.sensor), unknowns=len(m.unknown), **m._asdict())
+
+
+def _memory(m: Machine) -> Any:
+    """The state of a machine at rest, and room to work in."""
+    size, bodies, bristles = 2 + 2 * len(m.inertia), len(m.inertia), (len(m.friction), 2)
+    return struct(
+        "Memory", x=np.zeros(size), start=np.zeros(size), trial=np.zeros(size), total=np.zeros(size),
+        rates=np.zeros(size), force=np.zeros(bodies), lost=np.zeros(bodies), bristle=np.zeros(bristles),
+        bristle_start=np.zeros(bristles), yielding_start=np.zeros((len(m.link), 2)), scalar=np.zeros(lib.N_SCALAR),
+        control=np.zeros(lib.N_HELD), course=np.zeros((3, len(m.unknown))),
+    )  # fmt: skip
+
+
+def _control(loop: Loop, sample_time_s: float) -> Floats:
+    """The numbers of a controller for one sampling time."""
+    control = np.zeros(lib.N_CONTROL)
+    control[lib.C_MODE], control[lib.C_GAIN], control[lib.C_LIMIT] = loop.mode, loop.gain, loop.limit
+    control[lib.C_FILTER] = -math.expm1(-loop.filter_rad_s * sample_time_s)
+    control[lib.C_INTEGRAL] = loop.integral * sample_time_s
+    control[lib.C_RATE], control[lib.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
+    return control
+
+
+def _signals(m: Machine, loop: Loop, errors: Errors, rig: Rig) -> Any:
+    """The inputs of a run, in arrays of the shapes that the inner loop reads."""
+    n, sensors, unknowns = len(loop.reference), len(m.sensor), len(m.unknown)
+    looked_at = (0, 0) if not loop.closed else (list(rig.sensors).index(loop.pid),) * 2 if loop.pid else roles(rig)
+    noise = np.zeros((n, sensors)) if errors.draws is None else errors.draws
+    given = {"reference": (loop.reference, (n,)), "dither": (loop.dither, (n,)), "noise": (noise, (n, sensors)),
+             "courses": (np.broadcast_to(loop.disturbance.reshape(n, -1), (n, unknowns)), (n, unknowns))}  # fmt: skip
+    return struct(
+        "Signals", samples=n, control=_control(loop, m.sample_time), roles=np.array(looked_at, dtype=np.int64),
+        **{name: copied(array, *shape) for name, (array, shape) in given.items()},
+    )  # fmt: skip
+
+
+def _history(m: Machine) -> Any:
+    """The ring that the delays of the sensors need."""
+    late = float(m.sensor[:, lib.Y_DELAY].max(initial=0.0))
+    depth = 2 + math.ceil(late / m.sample_time * m.substeps + 1e-9)
+    return struct("History", depth=depth, newest=0, seen=np.zeros((depth, len(m.sensor))))
 
 
 def roles(rig: Rig) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dtbacklash.core import build, library
+from dtbacklash.core import binding, build, library
 from dtbacklash.core.library import LAWS, lib
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
@@ -221,6 +221,6 @@ def test_a_law_of_another_slot_or_name_is_refused():
 
 
 def test_a_library_of_other_sources_is_refused(monkeypatch):
-    monkeypatch.setattr(build, "digest", lambda: "0" * 16)
+    monkeypatch.setattr(build, "digest", lambda library: "0" * 16)
     with pytest.raises(UserError, match=r"compile it: python -m dtbacklash\.core\.build"):
-        library._load()
+        binding.Binding(build.CORE)
