@@ -13,7 +13,7 @@ CORE := .venv/.core
 # a complete lock needs no search for what fits, and what nobody imports needs no bytecode
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile
 
-.PHONY: run warm test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
+.PHONY: run test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
 run: $(CORE)
 	$(BIN)/dtb run controller=nimc_twin
@@ -24,10 +24,6 @@ TEST := $(BIN)/python -m pytest -n 2 --dist loadscope
 
 test: $(ALL)
 	$(TEST)
-
-# compile the oracle of the core and the simulator of concealed recordings, once; tests do it where it is missing
-warm: $(ALL)
-	$(BIN)/python tests/warm.py > /dev/null
 
 # what a change has to pass, all that CI runs
 check: lint typecheck site test check-more

@@ -7,25 +7,16 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from oracle.kernel.sample import advance
-from warm import warm
 
 from dtbacklash.cli import GARBAGE_AFTER, one_blas_thread
-from dtbacklash.compiled import is_cold
 
 # as the command line does: threads for tiny matrices, two tests at a time, only stand in each other's way
 one_blas_thread()
 gc.set_threshold(GARBAGE_AFTER)
 
-# repeatable examples, and no deadlines: the first call of a compiled function compiles it
+# repeatable examples, and no deadlines
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Compile before the workers start: each of them would compile the same."""
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput") and is_cold(advance):
-        warm()
 
 
 @pytest.fixture

@@ -1,1 +1,1 @@
-"""What the core computes, by other means: the steps that numba compiles, and recursions written out in numpy."""
+"""What the core computes, by other means: its steps and recursions in plain Python."""

@@ -1,8 +1,7 @@
-"""The twin's output error, its derivatives, profile and simulation, as numba compiles them: as ``twin.gap``."""
+"""The twin's output error, its derivatives, profile and simulation, in plain Python: as ``twin.gap``."""
 
 import numpy as np
 
-from dtbacklash.compiled import compiled, compiled_allocating
 from oracle.kernel.sample import advance, sense
 
 COARSE_STARTS = 9  # first tries for theta_d0 across the gap
@@ -10,7 +9,12 @@ POLISH_STEPS = 6  # Newton steps that follow, each halved until it helps
 HALVINGS = 4
 
 
-@compiled_allocating
+def in_order(values):
+    """Sum of values, added one after another: NumPy's own sums are pairwise."""
+    return np.add.accumulate(np.append(0.0, values))[-1]
+
+
+@np.errstate(all="ignore")
 def play(theta_m, half_gap, theta_d0, growth):
     """theta_d of the backlash (16)-(17), driven by the samples theta_m; both (N,) [rad].
 
@@ -28,7 +32,7 @@ def play(theta_m, half_gap, theta_d0, growth):
     return theta_d
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def filtered(u, path):
     """Response of a path to the samples u, (N,), from rest at u[0]."""
     out = u.copy()
@@ -36,24 +40,25 @@ def filtered(u, path):
     return out
 
 
-# element by element: numba takes seconds to compile the assignment of a row
-@compiled_allocating
 def filter_in_place(u, path):
     """Samples u, (N,), become the response of a path to them, from rest at u[0]."""
-    phi, b, d = path.phi, path.b, path.d
-    n = b.size
-    state = path.start * u[0]
-    for k in range(u.size):
-        now = u[k]
-        u[k] = state[0] + d * now
-        for i in range(n):
-            following = b[i] * now
-            for j in range(i, n):
-                following += phi[i, j] * state[j]
-            state[i] = following
+    state = (path.start * u[0]).tolist()
+    phi, b = path.phi.tolist(), path.b.tolist()
+    for k, now in enumerate(u.tolist()):
+        u[k] = state[0] + path.d * now
+        go_on(phi, b, state, now)
 
 
-@compiled_allocating
+def go_on(phi, b, state, now):
+    """The state of a path, a list, goes on by one sample with an input."""
+    for i, row in enumerate(phi):
+        following = b[i] * now
+        for j in range(i, len(b)):
+            following += row[j] * state[j]
+        state[i] = following
+
+
+@np.errstate(all="ignore")
 def cost(theta_m, eps_q, half_gap, theta_d0, growth, path, settle):
     """Mean square output error [m^2] from sample ``settle`` on, eq. (18).
 
@@ -61,30 +66,21 @@ def cost(theta_m, eps_q, half_gap, theta_d0, growth, path, settle):
     path: ``from_theta_d``. half_gap and theta_d0 [rad], growth [rad/sample] as in :func:`play`; a negative
     half_gap counts as its magnitude, which makes the cost smooth where the true gap is zero.
     """
-    phi, b, d = path.phi, path.b, path.d
-    n = b.size
-    middle = 0.5 * (theta_m.size - 1)
-    theta_d = theta_d0
-    state = np.zeros(n)
-    total = 0.0
-    for k in range(theta_m.size):
+    phi, b, state = path.phi.tolist(), path.b.tolist(), []
+    middle, theta_d, total = 0.5 * (theta_m.size - 1), theta_d0, 0.0
+    for k, (theta, eps) in enumerate(zip(theta_m.tolist(), eps_q.tolist(), strict=True)):
         gap = max(abs(half_gap) + growth * (k - middle), 0.0)
-        theta_d = min(max(theta_d, theta_m[k] - gap), theta_m[k] + gap)
+        theta_d = min(max(theta_d, theta - gap), theta + gap)
         if k == 0:
-            for i in range(n):
-                state[i] = path.start[i] * theta_d
+            state = [start * theta_d for start in path.start.tolist()]
         if k >= settle:
-            error = eps_q[k] + state[0] + d * theta_d
+            error = eps + state[0] + path.d * theta_d
             total += error * error
-        for i in range(n):
-            following = b[i] * theta_d
-            for j in range(i, n):
-                following += phi[i, j] * state[j]
-            state[i] = following
-    return total / (theta_m.size - settle)
+        go_on(phi, b, state, theta_d)
+    return np.float64(total) / (theta_m.size - settle)
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def play_sensitivities(theta_m, half_gap, theta_d0, growth, out):
     """theta_d and its derivatives by half_gap, theta_d0 and growth into the rows of ``out``, (4, N).
 
@@ -107,7 +103,7 @@ def play_sensitivities(theta_m, half_gap, theta_d0, growth, out):
         out[0, k], out[1, k], out[2, k], out[3, k] = theta_d, by_gap, by_start, by_growth
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def sensitivities(theta_m, eps_q, half_gap, theta_d0, growth, path, settle):
     """Output error and its derivatives by half_gap, theta_d0 and growth: rows of (4, N - settle), SI.
 
@@ -122,19 +118,19 @@ def sensitivities(theta_m, eps_q, half_gap, theta_d0, growth, path, settle):
     return rows[:, settle:].copy()
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def cost_and_gradient(theta_m, eps_q, half_gap, theta_d0, path, settle):
     """:func:`cost` [m^2] and its derivatives by half_gap and theta_d0 [m^2/rad], without growth."""
     rows = np.empty((4, theta_m.size))
     play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
     error = (filtered(rows[0], path) + eps_q)[settle:]
     scale = 2.0 / error.size
-    by_gap = scale * np.sum(error * filtered(rows[1], path)[settle:])
-    by_start = scale * np.sum(error * filtered(rows[2], path)[settle:])
-    return 0.5 * scale * np.sum(error * error), by_gap, by_start
+    by_gap = scale * in_order(error * filtered(rows[1], path)[settle:])
+    by_start = scale * in_order(error * filtered(rows[2], path)[settle:])
+    return 0.5 * scale * in_order(error * error), by_gap, by_start
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def start_sensitivity(theta_m, eps_q, half_gap, theta_d0, path, settle):
     """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
     rows = np.empty((4, theta_m.size))
@@ -147,7 +143,7 @@ def start_sensitivity(theta_m, eps_q, half_gap, theta_d0, path, settle):
     return out
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def profile_point(theta_m, eps_q, half_gap, path, settle):
     """Least cost [m^2] over theta_d0 for one gap, and that theta_d0 [rad]. Arguments as observer.cost.
 
@@ -162,10 +158,10 @@ def profile_point(theta_m, eps_q, half_gap, path, settle):
             best, best_start = value, start
     for _ in range(POLISH_STEPS):
         rows = start_sensitivity(theta_m, eps_q, half_gap, best_start, path, settle)
-        curvature = np.sum(rows[1] * rows[1])
+        curvature = in_order(rows[1] * rows[1])
         if curvature <= 0.0:
             break
-        step = -np.sum(rows[0] * rows[1]) / curvature
+        step = -in_order(rows[0] * rows[1]) / curvature
         gained = 0.0
         for _ in range(HALVINGS):
             start = min(max(best_start + step, theta_m[0] - half_gap), theta_m[0] + half_gap)
@@ -180,7 +176,7 @@ def profile_point(theta_m, eps_q, half_gap, path, settle):
     return best, best_start
 
 
-@compiled_allocating
+@np.errstate(all="ignore")
 def _profile(theta_m, eps_q, gaps, path, settle):
     out = np.empty((2, gaps.size))
     for i in range(gaps.size):
@@ -188,7 +184,7 @@ def _profile(theta_m, eps_q, gaps, path, settle):
     return out
 
 
-@compiled
+@np.errstate(all="ignore")
 def follow(P, S, theta_m, gap, index, y, q3):
     """q3 at every sample of the buffer; the gap's own change does not push the screw before the motor does."""
     for k in range(theta_m.shape[0]):

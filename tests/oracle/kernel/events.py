@@ -1,6 +1,5 @@
 """Events within a sample: the gear closes or opens, friction contacts come to rest, turn round or break loose."""
 
-from dtbacklash.compiled import clear, compiled, inlined
 from dtbacklash.physics.kernel import plant as pl
 from oracle.kernel.forces import add_forces, body_acceleration, gained, held_level, push
 from oracle.kernel.step import screw_angle, slip_rate
@@ -13,7 +12,6 @@ NEAR_RAD = 1e-12
 NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION, LEANING_ENDS = 0, 1, 2, 3, 4
 
 
-@inlined
 def find_event(P, S, gap, gap_rate):
     """The first kind of event that the step to ``S.xn`` has passed; ``gap`` is the half-gap at its end."""
     mode = S.mode[0]
@@ -32,7 +30,6 @@ def find_event(P, S, gap, gap_rate):
     return NO_EVENT
 
 
-@compiled
 def _friction_event(P, S, mode, theta_d, gap_rate):
     """Whether a contact that slips has turned round, or one that sticks cannot be held any longer."""
     contact = 0 if mode == pl.FREE else 1
@@ -55,7 +52,6 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
     return found
 
 
-@inlined
 def located(P, S, event, gap, gap_rate, h):
     """Whether the event of the gear lies so near to the end of the step of ``h`` seconds that nothing is lost."""
     if event in (FRICTION, LEANING_ENDS):
@@ -68,7 +64,6 @@ def located(P, S, event, gap, gap_rate, h):
     return beyond <= NEAR_RAD * max(1.0, abs(theta_m))
 
 
-@compiled
 def switch_gear(P, S, gap, gap_rate):
     """Let the gear close or open at the present state."""
     mode = S.mode[0]
@@ -100,7 +95,6 @@ def switch_gear(P, S, gap, gap_rate):
                 S.x[speed] = mode * gap_rate
 
 
-@compiled
 def _leaning_ends(P, S, x):
     """Whether the motor that leans on its load lets go (-1) or overcomes it (+1) at state ``x``; 0: neither."""
     free = body_acceleration(P, x, S.w1, 0, P.rotor)
@@ -113,7 +107,6 @@ def _leaning_ends(P, S, x):
     return 1 if S.lean[0] * loaded > 0.0 else 0
 
 
-@compiled
 def _jerk_base_contacts(P, S, gap_rate):
     """The base has jumped to the motor's speed: friction contacts with an end on it slip from now on."""
     for c in range(P.friction_ends.shape[0]):
@@ -122,7 +115,6 @@ def _jerk_base_contacts(P, S, gap_rate):
             S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
 
 
-@compiled
 def switch_friction(P, S, t, gap, gap_rate, voltage):
     """Let friction contacts come to rest, turn round or break loose at the present state."""
     contact = 0 if S.mode[0] == pl.FREE else 1
@@ -137,7 +129,7 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
             continue
         S.mode[1 + c] = 0
         w = S.w0
-        clear(w)
+        w[:] = 0.0
         w[pl.CH_V] = voltage
         w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
         add_forces(P, S, S.x, w, contact, t, theta_d, 0.0)
@@ -151,13 +143,11 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
             S.mode[1 + c] = 1 if acceleration > 0.0 else -1
 
 
-@inlined
 def _on_base(P, c):
     """Whether friction contact ``c`` has an end on the base."""
     return min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE
 
 
-@compiled
 def turn_contacts(P, S, h, theta_d, gap_rate):
     """Contacts with the imposed base whose slip has turned round by a jump of the base's speed slip the other way.
 
@@ -174,7 +164,6 @@ def turn_contacts(P, S, h, theta_d, gap_rate):
             S.mode[1 + c] = 1 if rate > 0.0 else -1
 
 
-@compiled
 def torn_loose(P, S):
     """Whether the imposed base has torn contacts loose in the step just tried; they slip from its start then."""
     torn = False
@@ -185,7 +174,6 @@ def torn_loose(P, S):
     return torn
 
 
-@compiled
 def _slip_acceleration(P, x, w, c, contact):
     """Acceleration of a contact's slip under the channels ``w``, and what one newton on it adds."""
     acceleration, mobility = 0.0, 0.0
@@ -198,7 +186,6 @@ def _slip_acceleration(P, x, w, c, contact):
     return acceleration, mobility
 
 
-@compiled
 def _stop(P, S, c, contact, impulse):
     """Take out the rest of a contact's slip by an impulse (N s) between its ends."""
     first = P.position + P.n_bodies
@@ -209,7 +196,6 @@ def _stop(P, S, c, contact, impulse):
         S.x[first + a] += impulse * P.G[contact, pl.CH_F + a, first + a]
 
 
-@inlined
 def settle_gear(P, S, gap0, gap1, gap_rate):
     """At a sample's start: no gap means rigid, and a gap that opens faster than the motor follows frees the gear."""
     mode = S.mode[0]

@@ -1,26 +1,23 @@
 """The forces that act beside the linear plant: every law of the rig's effects, summed into channels."""
 
-from dtbacklash.compiled import compiled, inlined
-from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
+from oracle.kernel import laws
 
 #: a screw whose friction grows faster than what drives it would jam: what it gives way is not less than this share
 LEAST_YIELD = 0.05
 
 
-@inlined
 def base_motion(P, x, contact, theta_d, theta_d_rate):
     """Position and velocity of the screw's base, m and m/s, with the error of its lead."""
     lead = P.screw[pl.S_LEAD]
     d, rate = lead * theta_d, lead * theta_d_rate
     place = P.slot[pl.LEAD]
     for e in range(P.first[place], P.first[place + 1]):
-        d += numba_laws.lead_error(P.law[e, 0], theta_d, P.law_p, e)
-        rate += numba_laws.lead_slope(P.law[e, 0], theta_d, P.law_p, e) * theta_d_rate
+        d += laws.lead_error(P.law[e, 0], theta_d, P.law_p, e)
+        rate += laws.lead_slope(P.law[e, 0], theta_d, P.law_p, e) * theta_d_rate
     return d, rate
 
 
-@inlined
 def end_velocity(P, x, end, base_rate):
     """Velocity of an end of a link or friction contact, m/s or rad/s."""
     if end >= 0:
@@ -28,7 +25,6 @@ def end_velocity(P, x, end, base_rate):
     return base_rate if end == pl.BASE else 0.0
 
 
-@inlined
 def end_position(P, x, end, base):
     """Position of an end of a link, m or rad."""
     if end >= 0:
@@ -36,7 +32,6 @@ def end_position(P, x, end, base):
     return base if end == pl.BASE else 0.0
 
 
-@inlined
 def push(P, w, contact, end, effort):
     """Add an effort to a body; on the base it reaches the rotor by the screw's reaction."""
     if end >= 0:
@@ -45,25 +40,20 @@ def push(P, w, contact, end, effort):
         w[pl.CH_F + P.rotor] += effort * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
 
 
-@inlined
 def respond(P, S, R, contact, a, b, lever, effort):
     """S.xn += the response ``R`` to an effort that pushes end b and, by its lever, pushes end a back."""
-    n = S.x.shape[0]
     for end, sign in ((b, 1.0), (a, -lever)):
         channel, factor = end, sign
         if end == pl.BASE and contact == 1 and P.rotor >= 0:
             channel, factor = P.rotor, sign * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
         if channel >= 0 and factor != 0.0:
-            for i in range(n):
-                S.xn[i] += R[pl.CH_F + channel, i] * factor * effort
+            S.xn[:] += R[pl.CH_F + channel] * factor * effort
 
 
-@inlined
 def _gained_by(R, first, end):
     return R[pl.CH_F + end, first + end] if end >= 0 else 0.0
 
 
-@inlined
 def gained(R, first, a, b, lever):
     """What end b gains on end a under a unit effort that pushes them apart, by the response ``R``.
 
@@ -75,7 +65,6 @@ def gained(R, first, a, b, lever):
     return total
 
 
-@inlined
 def stretch_of(P, x, j, base, base_rate):
     """Stretch of link ``j`` and its rate, m and m/s (or rad and rad/s)."""
     a, b, lever = P.link_ends[j, 0], P.link_ends[j, 1], P.link[j, pl.L_LEVER]
@@ -83,37 +72,33 @@ def stretch_of(P, x, j, base, base_rate):
     return s, end_velocity(P, x, b, base_rate) - lever * end_velocity(P, x, a, base_rate)
 
 
-@inlined
 def force_beside(P, x, j, s, rate, t):
     """Force of link ``j`` beyond its spring and damper, N or N m."""
     k, c = P.link[j, pl.L_K], P.link[j, pl.L_C]
     force = 0.0
     place = P.slot[pl.LINK] + pl.PER_LINK * j
     for e in range(P.first[place + pl.PLAYS], P.first[place + pl.PLAYS + 1]):
-        held = numba_laws.spring_stretch(P.law[e, 0], s, P.law_p, e)
+        held = laws.spring_stretch(P.law[e, 0], s, P.law_p, e)
         force += k * (held - s)
         s = held
     for e in range(P.first[place + pl.FORCES], P.first[place + pl.FORCES + 1]):
-        force += numba_laws.spring_force(P.law[e, 0], s, rate, t, k, c, P.law_p, e)
+        force += laws.spring_force(P.law[e, 0], s, rate, t, k, c, P.law_p, e)
     for e in range(P.first[place + pl.MEMORIES], P.first[place + pl.MEMORIES + 1]):
-        force += numba_laws.memory_force(P.law[e, 0], x[P.law[e, 1]], 0.0, P.law_p, e)
+        force += laws.memory_force(P.law[e, 0], x[P.law[e, 1]], 0.0, P.law_p, e)
     return force
 
 
-@inlined
 def link_force(P, x, j, base, base_rate, t):
     """What link ``j`` pulls its ends together with, N or N m."""
     s, rate = stretch_of(P, x, j, base, base_rate)
     return P.link[j, pl.L_K] * s + P.link[j, pl.L_C] * rate + force_beside(P, x, j, s, rate, t)
 
 
-@inlined
 def memory_channel(P, e):
     """The channel that is the rate of an entry's memory."""
     return pl.CH_F + P.n_bodies + P.law[e, 1] - (P.position + 2 * P.n_bodies)
 
 
-@inlined
 def link_forces(P, x, w, contact, t, base, base_rate):
     """Forces of the links beyond spring and damper."""
     for j in range(P.link.shape[0]):
@@ -126,32 +111,29 @@ def link_forces(P, x, w, contact, t, base, base_rate):
         push(P, w, contact, P.link_ends[j, 0], P.link[j, pl.L_LEVER] * force)
 
 
-@inlined
 def body_forces(P, x, w, t):
     """Efforts on single bodies."""
     place = P.slot[pl.BODY_EFFORT]
     for e in range(P.first[place], P.first[place + P.n_bodies]):
         i = P.law[e, 1]
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
-        w[pl.CH_F + i] += numba_laws.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
+        w[pl.CH_F + i] += laws.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
     place = P.slot[pl.BODY_MEMORY]
     for i in range(P.n_bodies):
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
         for e in range(P.first[place + i], P.first[place + i + 1]):
-            w[pl.CH_F + i] += numba_laws.remembered_effort(P.law[e, 0], x[P.law[e, 1]], q, v, t, P.law_p, e)
+            w[pl.CH_F + i] += laws.remembered_effort(P.law[e, 0], x[P.law[e, 1]], q, v, t, P.law_p, e)
 
 
-@inlined
 def torque_beside(P, x):
     """What the motor makes beyond its constant times the current, N m or N."""
     place, total = P.slot[pl.MOTOR_TORQUE], 0.0
     for e in range(P.first[place], P.first[place + 1]):
         at = x[P.position + P.driven]
-        total += numba_laws.motor_torque(P.law[e, 0], x[P.current], at, P.circuit[pl.C_KT], P.law_p, e)
+        total += laws.motor_torque(P.law[e, 0], x[P.current], at, P.circuit[pl.C_KT], P.law_p, e)
     return total
 
 
-@inlined
 def circuit_forces(P, x, w):
     """What the motor makes beyond its constant, and the voltage that the state of its winding eats."""
     w[pl.CH_F + P.driven] += torque_beside(P, x)
@@ -159,12 +141,11 @@ def circuit_forces(P, x, w):
     place = P.slot[pl.WINDING]
     for e in range(P.first[place], P.first[place + 1]):
         R, memory = P.circuit[pl.C_R], x[P.law[e, 1]]
-        w[pl.CH_V] -= numba_laws.winding_voltage(P.law[e, 0], memory, i, R, P.law_p, e)
+        w[pl.CH_V] -= laws.winding_voltage(P.law[e, 0], memory, i, R, P.law_p, e)
         # the decay is linear and stands in A
-        w[memory_channel(P, e)] += numba_laws.winding_rate(P.law[e, 0], 0.0, i, R, P.law_p, e)
+        w[memory_channel(P, e)] += laws.winding_rate(P.law[e, 0], 0.0, i, R, P.law_p, e)
 
 
-@inlined
 def servo_effort(P, x, w):
     """Effort of a servo, and what it would be without limits.
 
@@ -178,14 +159,12 @@ def servo_effort(P, x, w):
     return min(max(effort, -largest), largest), linear - damped
 
 
-@inlined
 def servo_limits(P, x, w):
     """What the limits of a servo take off the effort of its loop, which is linear and stands in A and G."""
     effort, linear = servo_effort(P, x, w)
     w[pl.CH_F + P.driven] += effort - linear
 
 
-@inlined
 def drive_effort(P, x, w):
     """What the drive does to the body that it drives, N m or N."""
     if P.current >= 0:
@@ -195,7 +174,6 @@ def drive_effort(P, x, w):
     return P.circuit[pl.C_GAIN] * (x[P.lag] if P.lag >= 0 else w[pl.CH_V])
 
 
-@inlined
 def find_loads(P, S, x, w, t, base, base_rate):
     """What each dry friction carries but for that of the screw, N or N m, into ``S.load``."""
     place = P.slot[pl.FRICTION]
@@ -207,7 +185,6 @@ def find_loads(P, S, x, w, t, base, base_rate):
             S.load[e] = P.link[carried, pl.L_LEVER] * link_force(P, x, carried, base, base_rate, t)
 
 
-@inlined
 def force_on_base(P, S, x, t, base, base_rate):
     """Force of the structure on the screw's base, N."""
     total, v = -P.screw[pl.S_BASE_K] * base - P.screw[pl.S_BASE_C] * base_rate, P.position + P.n_bodies
@@ -230,7 +207,6 @@ def force_on_base(P, S, x, t, base, base_rate):
     return total
 
 
-@inlined
 def screw_load(P, S, x, w, contact, c, e, slip_speed, t, base, base_rate):
     """Torque by which the screw pushes the base, before its friction, N m; entry ``e`` of contact ``c`` depends on it.
 
@@ -252,35 +228,29 @@ def screw_load(P, S, x, w, contact, c, e, slip_speed, t, base, base_rate):
     return lead * force
 
 
-@compiled
 def body_acceleration(P, x, w, contact, body):
     """Acceleration of a body under the channels ``w``, m/s^2 or rad/s^2."""
     i = P.position + P.n_bodies + body
     total = 0.0
-    for j in range(x.shape[0]):
-        total += P.A[contact, i, j] * x[j]
-    for k in range(w.shape[0]):
-        total += P.G[contact, k, i] * w[k]
+    for product in (*(P.A[contact, i] * x).tolist(), *(P.G[contact, :, i] * w).tolist()):
+        total += product
     return total
 
 
-@inlined
 def friction_level(P, S, c, slip_speed, direction):
     """Magnitude of dry friction at contact ``c`` at a slip speed >= 0 in a direction, N or N m."""
     place = P.slot[pl.FRICTION] + c
     level = 0.0
     for e in range(P.first[place], P.first[place + 1]):
-        level += numba_laws.friction_level(P.law[e, 0], slip_speed, direction, S.load[e], P.law_p, e)
+        level += laws.friction_level(P.law[e, 0], slip_speed, direction, S.load[e], P.law_p, e)
     return level
 
 
-@inlined
 def held_level(P, S, c, reaction):
     """What contact ``c`` can hold against at rest: it would give way against the reaction that holds it."""
     return friction_level(P, S, c, 0.0, -1.0 if reaction > 0.0 else 1.0)
 
 
-@inlined
 def slip_forces(P, S, x, w, contact, t, base, base_rate):
     """Forces of the friction contacts that slip; those that stick are solved for in the step."""
     place = P.slot[pl.FRICTION]
@@ -300,7 +270,6 @@ def slip_forces(P, S, x, w, contact, t, base, base_rate):
             push(P, w, contact, a, direction * level)
 
 
-@inlined
 def add_forces(P, S, x, w, contact, t, theta_d, theta_d_rate):
     """Add to the channels ``w`` everything that acts beside the linear plant at state ``x`` and time ``t``."""
     base, base_rate = 0.0, 0.0

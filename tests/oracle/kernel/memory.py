@@ -5,24 +5,19 @@ within micrometres is stiff until it does: the force at the end of a step is sol
 which it leads, which no step is too long for. The memory of a body's law follows its rate.
 """
 
-import math
-
-from dtbacklash.compiled import compiled, inlined
-from dtbacklash.physics.kernel import numba_laws
 from dtbacklash.physics.kernel import plant as pl
+from oracle.kernel import laws
 from oracle.kernel.forces import base_motion, gained, push, respond, stretch_of
 
 #: the force is solved for to this share of its change
 SOLVED, MOST_ROUNDS = 1e-8, 60
 
 
-@inlined
 def _stretch(P, x, j, angle):
     """Stretch of link ``j`` at state ``x`` and a screw's angle, m or rad."""
     return stretch_of(P, x, j, base_motion(P, x, 0, angle, 0.0)[0] if P.has_base else 0.0, 0.0)[0]
 
 
-@compiled
 def _advanced(code, z, q0, v0, q1, v1, t, h, p, e):
     """A body's memory after a step of ``h`` seconds from ``q0``, ``v0`` to ``q1``, ``v1``.
 
@@ -30,22 +25,21 @@ def _advanced(code, z, q0, v0, q1, v1, t, h, p, e):
     what it is at the start to what it is at the end (Cox & Matthews, J. Comput. Phys. 176 (2002) 430): exact where the
     rate is linear in the memory and in such a motion, and stable however fast the memory falls.
     """
-    first = numba_laws.memory_rate(code, z, q0, v0, t, p, e)
-    last = numba_laws.memory_rate(code, z, q1, v1, t + h, p, e)
+    first = laws.memory_rate(code, z, q0, v0, t, p, e)
+    last = laws.memory_rate(code, z, q1, v1, t + h, p, e)
     near = 1e-4 * (abs(z) + h * max(abs(first), abs(last)))
     if near == 0.0:
         return z
     q, v, middle = 0.5 * (q0 + q1), 0.5 * (v0 + v1), t + 0.5 * h
-    above = numba_laws.memory_rate(code, z + near, q, v, middle, p, e)
-    below = numba_laws.memory_rate(code, z - near, q, v, middle, p, e)
+    above = laws.memory_rate(code, z + near, q, v, middle, p, e)
+    below = laws.memory_rate(code, z - near, q, v, middle, p, e)
     a = min(0.5 * h * (above - below) / near, 30.0)
     if abs(a) < 1e-4:
         return z + h * (first * (0.5 + a / 3.0) + last * (0.5 + a / 6.0))
-    held = math.expm1(a) / a
+    held = laws.MATH.expm1(a) / a
     return z + h * (held * first + (held - 1.0) / a * (last - first))
 
 
-@inlined
 def _bodies_remember(P, S, t, h):
     place = P.slot[pl.BODY_MEMORY]
     for i in range(P.n_bodies):
@@ -56,7 +50,6 @@ def _bodies_remember(P, S, t, h):
             S.xp[m] = S.xn[m]
 
 
-@inlined
 def remember(P, S, angle, angle_end, t, h):
     """Set the memories at the step's end, in ``S.xn`` and ``S.xp``, by the motion from ``S.x`` to ``S.xn``.
 
@@ -70,11 +63,10 @@ def remember(P, S, angle, angle_end, t, h):
             change = _stretch(P, S.xn, j, angle_end) - s
             for e in range(P.first[place], P.first[place + 1]):
                 m = P.law[e, 1]
-                S.xn[m] = numba_laws.memory_after(P.law[e, 0], S.x[m], change, P.law_p, e)
+                S.xn[m] = laws.memory_after(P.law[e, 0], S.x[m], change, P.law_p, e)
                 S.xp[m] = S.xn[m]
 
 
-@inlined
 def settle_memories(P, S, level, contact, angle, angle_end):
     """Solve for the forces of the springs that remember at the step's end, each with the stretch that it leads to.
 
@@ -96,7 +88,6 @@ def settle_memories(P, S, level, contact, angle, angle_end):
                 push(P, S.w1, contact, a, lever * more)
 
 
-@compiled
 def _more(code, p, e, z, change, give, expected):
     """By how much a memory's force exceeds what was expected, with the stretch that it leads to.
 
@@ -105,7 +96,7 @@ def _more(code, p, e, z, change, give, expected):
 
     give : how much less the link is stretched by a unit of it. expected : the memory that was expected.
     """
-    held = numba_laws.memory_force(code, expected, change, p, e)
+    held = laws.memory_force(code, expected, change, p, e)
     low, high = 0.0, _beyond(code, p, e, z, change, held)
     left_low, enough = high, SOLVED * abs(high)
     if high == 0.0 or give <= 0.0:
@@ -126,7 +117,6 @@ def _more(code, p, e, z, change, give, expected):
     return high
 
 
-@inlined
 def _beyond(code, p, e, z, change, force):
     """How far a memory's force lies above ``force`` after a change of the stretch."""
-    return numba_laws.memory_force(code, numba_laws.memory_after(code, z, change, p, e), change, p, e) - force
+    return laws.memory_force(code, laws.memory_after(code, z, change, p, e), change, p, e) - force

@@ -2,10 +2,9 @@
 
 import math
 
-from dtbacklash.compiled import clear, compiled, copy, inlined
-from dtbacklash.physics.effects import spring
-from dtbacklash.physics.kernel import numba_laws
+from dtbacklash.physics.effects.spring import play
 from dtbacklash.physics.kernel import plant as pl
+from oracle.kernel import laws
 from oracle.kernel.events import (
     NO_EVENT,
     find_event,
@@ -25,19 +24,15 @@ from oracle.kernel.forces import (
 )
 from oracle.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, try_step
 
-play = numba_laws.jitted(spring.play)
 
-
-@inlined
 def amplify(P, u):
     """The voltage (or command of the actuator) that leaves the amplifier for the command ``u``."""
     place = P.slot[pl.COMMAND]
     for e in range(P.first[place], P.first[place + 1]):
-        u = numba_laws.amplified(P.law[e, 0], u, P.law_p, e)
+        u = laws.amplified(P.law[e, 0], u, P.law_p, e)
     return u
 
 
-@inlined
 def _imposed_angle(P, theta, k, share):
     """What is imposed at ``share`` of the way from sample k to the next.
 
@@ -54,7 +49,6 @@ def _imposed_angle(P, theta, k, share):
     return here + share * (rise + (1.0 - share) * bend)
 
 
-@inlined
 def advance(P, S, t, u, gap0, gap1, theta, k):
     """Advance the plant by one sample.
 
@@ -74,7 +68,6 @@ def advance(P, S, t, u, gap0, gap1, theta, k):
     S.now[0] = t + P.sample_time
 
 
-@inlined
 def _next_stop(P, tick, whole):
     """The next tick at which a step has to end: a late command arrives, a late sensor looks, or the sample is over."""
     stop = _stop_of(P.delay_ticks, P.delay_part, tick, whole)
@@ -84,7 +77,6 @@ def _next_stop(P, tick, whole):
     return stop
 
 
-@inlined
 def _stop_of(at, part, tick, whole):
     """The next tick at which something begins, or ends, that lies within a tick: ``part`` of it after ``at``."""
     if at > tick:
@@ -92,7 +84,6 @@ def _stop_of(at, part, tick, whole):
     return at + 1 if part > 0.0 and at == tick else whole
 
 
-@inlined
 def _voltage(P, tick, before, after):
     """The voltage from a stop on; in the tick in which the command arrives its mean, which moves the rig as far."""
     if tick == P.delay_ticks:
@@ -100,7 +91,6 @@ def _voltage(P, tick, before, after):
     return before if tick < P.delay_ticks else after
 
 
-@inlined
 def _level(last, least, left):
     """The level, ``least`` or finer, of the longest step that ends within the ``left`` ticks."""
     level = least
@@ -109,7 +99,6 @@ def _level(last, least, left):
     return level
 
 
-@inlined
 def _steps(P, S, t, gap0, gap_rate, theta, k):
     """The steps of one sample, each as long as the events and the delays let it be."""
     last = P.levels - 1
@@ -146,7 +135,7 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
         if chased and not located(P, S, event, gap + gap_rate * h, gap_rate, h):
             least = level + 1
             continue
-        copy(S.xn, S.x)
+        S.x[:] = S.xn
         tick += ticks
         if P.imposed:
             S.gear[0] = given + S.gear[1] * h
@@ -163,11 +152,10 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
             least += 1
 
 
-@compiled
 def _acceleration(P, S, body, gap, gap_rate):
     """Present acceleration of a body, m/s^2 or rad/s^2; 0 where it sticks to the ground."""
     contact, theta_d = (0 if S.mode[0] == pl.FREE else 1), 0.0
-    clear(S.w0)
+    S.w0[:] = 0.0
     S.w0[pl.CH_V] = S.now[1]
     if P.has_base:
         drive_channels(P, S, 0.0, gap, gap_rate, S.gear[0])
@@ -182,7 +170,6 @@ def _acceleration(P, S, body, gap, gap_rate):
     return body_acceleration(P, S.x, S.w0, contact, body)
 
 
-@inlined
 def read_sensor(P, S, s, gap, gap_rate):
     """Present value of what sensor ``s`` measures, SI, before its errors."""
     index = P.sensor[s, pl.Y_INDEX]
@@ -201,7 +188,6 @@ def read_sensor(P, S, s, gap, gap_rate):
     return base if index == pl.BASE_POSITION else base_rate
 
 
-@inlined
 def _catch(P, S, s, tick, gap, gap_rate):
     """What a sensor that looks late sees at this tick; between two ticks it sees what lies between."""
     at, part = P.sensor_tick[s], P.sensor_part[s]
@@ -211,7 +197,6 @@ def _catch(P, S, s, tick, gap, gap_rate):
         S.caught[s] += part * read_sensor(P, S, s, gap, gap_rate)
 
 
-@inlined
 def sense(P, S, gap, gap_rate, y):
     """Write what every sensor shows at this sample into ``y`` (sensors,): delayed, scaled and offset, no noise."""
     for s in range(P.sensor.shape[0]):
@@ -226,5 +211,5 @@ def sense(P, S, gap, gap_rate, y):
             value = S.played[s] = play(S.played[s], value, P.sensor_play[s])
         place = P.slot[pl.READING] + s
         for e in range(P.first[place], P.first[place + 1]):
-            value = numba_laws.shown(P.law[e, 0], value, P.law_p, e)
+            value = laws.shown(P.law[e, 0], value, P.law_p, e)
         y[s] = value

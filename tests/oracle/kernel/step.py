@@ -5,7 +5,8 @@ contact or not. A step in which the gear closes or opens, or a friction contact 
 halved until the event is located to a tick (``sample_time/substeps/2**(levels-1)``).
 """
 
-from dtbacklash.compiled import compiled, inlined
+import numpy as np
+
 from dtbacklash.physics.kernel import plant as pl
 from oracle.kernel.forces import add_forces, base_motion, end_velocity, gained, respond
 from oracle.kernel.memory import remember, settle_memories
@@ -15,7 +16,6 @@ from oracle.kernel.memory import remember, settle_memories
 MOST_EVENTS = 12
 
 
-@inlined
 def screw_angle(P, S, gap):
     """theta_d, rad, at the present state with half-gap ``gap``."""
     mode = S.mode[0]
@@ -25,7 +25,6 @@ def screw_angle(P, S, gap):
     return theta_m if mode == pl.RIGID else theta_m - mode * gap
 
 
-@inlined
 def rate_of_screw(P, x, mode, gap_rate):
     """Rate of theta_d, rad/s."""
     if mode == pl.FREE or P.rotor < 0:
@@ -34,78 +33,32 @@ def rate_of_screw(P, x, mode, gap_rate):
     return omega if mode == pl.RIGID else omega - mode * gap_rate
 
 
-@inlined
 def drive_rate(P, S, x, gap_rate):
     """Rate of theta_d, rad/s, at state ``x``, whether it is imposed or simulated."""
     return S.gear[1] if P.imposed else rate_of_screw(P, x, S.mode[0], gap_rate)
 
 
-@compiled
-def _held(E, P1, x, w0, channels, xn, xp):
-    """xn = xp = E x + P1 w0 over the first ``channels``: the inputs of the step's start, held.
-
-    Four states at a time: their sums stay in registers, instead of being stored and read again for each term.
-    """
-    n = x.shape[0]
-    whole = n - n % 4
-    for i in range(0, whole, 4):
-        a, b, c, d = 0.0, 0.0, 0.0, 0.0
-        for j in range(n):
-            a += E[j, i] * x[j]
-            b += E[j, i + 1] * x[j]
-            c += E[j, i + 2] * x[j]
-            d += E[j, i + 3] * x[j]
-        for j in range(channels):
-            a += P1[j, i] * w0[j]
-            b += P1[j, i + 1] * w0[j]
-            c += P1[j, i + 2] * w0[j]
-            d += P1[j, i + 3] * w0[j]
-        xn[i], xn[i + 1], xn[i + 2], xn[i + 3] = a, b, c, d
-        xp[i], xp[i + 1], xp[i + 2], xp[i + 3] = a, b, c, d
-    for i in range(whole, n):
-        a = 0.0
-        for j in range(n):
-            a += E[j, i] * x[j]
-        for j in range(channels):
-            a += P1[j, i] * w0[j]
-        xn[i] = a
-        xp[i] = a
+def _held(E, P1, x, w0):
+    """E x + P1 w0: the inputs of the step's start, held; terms are added in their order."""
+    total = np.zeros(len(x))
+    for row, factor in (*zip(E, x, strict=True), *zip(P1, w0, strict=False)):
+        total += row * factor
+    return total
 
 
-@compiled
-def _risen(P2, w0, w1, channels, xp, xn):
-    """xn = xp + P2 (w1 - w0): the inputs rise linearly to those of the step's end."""
-    n = xn.shape[0]
-    whole = n - n % 4
-    for i in range(0, whole, 4):
-        a, b, c, d = xp[i], xp[i + 1], xp[i + 2], xp[i + 3]
-        for j in range(channels):
-            rise = w1[j] - w0[j]
-            a += P2[j, i] * rise
-            b += P2[j, i + 1] * rise
-            c += P2[j, i + 2] * rise
-            d += P2[j, i + 3] * rise
-        xn[i], xn[i + 1], xn[i + 2], xn[i + 3] = a, b, c, d
-    for i in range(whole, n):
-        a = xp[i]
-        for j in range(channels):
-            a += P2[j, i] * (w1[j] - w0[j])
-        xn[i] = a
-
-
-@inlined
 def _propagate(P, S, level, contact, channels):
-    """The step's end under the inputs of its start."""
-    _held(P.E[contact, level], P.P1[contact, level], S.x, S.w0, channels, S.xn, S.xp)
+    """The step's end under the inputs of its start, ``channels`` of them."""
+    S.xp[:] = _held(P.E[contact, level], P.P1[contact, level], S.x, S.w0[:channels])
+    S.xn[:] = S.xp
 
 
-@inlined
 def _ramp(P, S, level, contact, channels):
-    """The step's end under inputs that rise to those of its end."""
-    _risen(P.P2[contact, level], S.w0, S.w1, channels, S.xp, S.xn)
+    """The step's end under inputs that rise linearly to those of its end."""
+    S.xn[:] = S.xp
+    for row, rise in zip(P.P2[contact, level], (S.w1 - S.w0)[:channels], strict=False):
+        S.xn[:] += row * rise
 
 
-@inlined
 def _hold(P, S, level, contact, theta_d, gap_rate):
     """Find the forces that bring every sticking contact to rest at the end of the step (Gauss-Seidel)."""
     frictions = P.friction_ends.shape[0]
@@ -131,7 +84,6 @@ def _hold(P, S, level, contact, theta_d, gap_rate):
     _pin(P, S)
 
 
-@inlined
 def _pin(P, S):
     """A body that sticks to the ground stays to the last bit, so that it cannot creep into or out of a contact."""
     for c in range(P.friction_ends.shape[0]):
@@ -141,7 +93,6 @@ def _pin(P, S):
             S.xn[P.position + P.n_bodies + b] = 0.0
 
 
-@inlined
 def slip_rate(P, S, x, c, theta_d, gap_rate):
     """Velocity at which friction contact ``c`` slips, m/s or rad/s."""
     a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
@@ -151,7 +102,6 @@ def slip_rate(P, S, x, c, theta_d, gap_rate):
     return end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
 
 
-@inlined
 def drive_channels(P, S, h, gap, gap_rate, held):
     """What the base feels of the screw beyond the motor's angle, at a step's start and end; ``held`` : a free screw."""
     mode, lead = S.mode[0], P.screw[pl.S_LEAD]
@@ -171,7 +121,6 @@ def drive_channels(P, S, h, gap, gap_rate, held):
     w1[pl.CH_DD] = w0[pl.CH_DD]
 
 
-@inlined
 def linear_step(P, S, level, contact):
     """A step under voltage and screw alone."""
     channels = pl.CH_F if P.has_base else pl.CH_D
@@ -179,7 +128,6 @@ def linear_step(P, S, level, contact):
     _ramp(P, S, level, contact, channels)
 
 
-@inlined
 def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     """Advance ``S.x`` into ``S.xn`` by a step of ``h`` seconds with the contacts as they are.
 
@@ -189,10 +137,7 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     contact = 0 if mode == pl.FREE else 1
     w0, w1 = S.w0, S.w1
     if P.forced:
-        # both in one loop, lest it becomes a call of memset, from whose wide stores no single word can be read at once
-        for c in range(w0.shape[0]):
-            w0[c] = 0.0
-            w1[c] = 0.0
+        w0[:] = w1[:] = 0.0
     w0[pl.CH_V] = voltage
     w1[pl.CH_V] = voltage
     if P.has_base:
@@ -205,20 +150,17 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
         _rest(P, S, level, h, gap_rate)
 
 
-@inlined
 def _rest(P, S, level, h, gap_rate):
     """Keep the motor on the tooth on which it leans, which stands still or moves away as the gap grows."""
     R = P.P1[0, level]
     channel, speed = pl.CH_F + P.rotor, P.position + P.n_bodies + P.rotor
     tooth_rate = S.lean[0] * gap_rate
     force = (tooth_rate - S.xn[speed]) / R[channel, speed]
-    for i in range(S.x.shape[0]):
-        S.xn[i] += R[channel, i] * force
+    S.xn[:] += R[channel] * force
     S.xn[P.position + P.rotor] = S.x[P.position + P.rotor] + tooth_rate * h
     S.xn[speed] = tooth_rate
 
 
-@inlined
 def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     """Predictor with the forces of the start, corrector with their mean slope, friction at rest solved in both.
 

@@ -1,4 +1,4 @@
-"""The core does what the steps that numba compiles do, over all rigs and effects, to the last bits."""
+"""The core does what the same steps do in plain Python, over all rigs and effects, to the last bits."""
 
 from pathlib import Path
 
@@ -26,10 +26,10 @@ OTHERS = [rigs.carriage, rigs.damper, rigs.two_inertias, rigs.geared, lambda: ri
           rigs.served_carriage, rigs.oscillator]  # fmt: skip
 
 
-def commands(samples: int, seed: int, rms: float) -> np.ndarray:
+def commands(samples: int, seed: int, rms: float, lowest_hz: float = 0.3) -> np.ndarray:
     """(samples,) sines with random phases and a step, V."""
     t, rng = STEP_S * np.arange(samples), np.random.default_rng(seed)
-    f = 0.3 * np.arange(1, 25)
+    f = lowest_hz * np.arange(1, 25)
     u = np.sin(2.0 * np.pi * f[:, None] * t + rng.uniform(0.0, 2.0 * np.pi, len(f))[:, None]).sum(axis=0)
     return rms * (u / u.std() + np.where(t > t.mean(), 0.5, 0.0))
 
@@ -76,7 +76,8 @@ def predict(rig: Rig, model: Rig, u: np.ndarray, gap: np.ndarray | None = None) 
 
 @pytest.mark.parametrize("make", [*NOMINAL, *OTHERS], ids=lambda make: make().config.name)
 def test_each_rig_with_each_of_its_effects(make, twice):
-    rig, u, tried = make(), commands(220, 1, 3.0), 0
+    # short and fast: the oracle is plain Python, and the gear is as often in and out of contact
+    rig, u, tried = make(), commands(40, 1, 3.0, 3.0), 0
     simulate(rig, u, STEP_S)
     for place, kind, name in places(rig):
         try:
