@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dtbacklash.closed_loop_check import Closed, Tell
     from dtbacklash.experiment.run import RunResult
 
-LIBRARIES = ("numpy", "scipy", "numba", "control", "pandas", "hydra-core", "matplotlib")
+LIBRARIES = ("numpy", "scipy", "control", "pandas", "hydra-core", "matplotlib")
 
 
 def simulate(config: RunConfig, command: str | None, progress: Callable[[float], None] | None = None) -> RunResult:

@@ -67,10 +67,16 @@ class Binding:
     def struct(self, kind: str, **fields: Any) -> Any:
         """A struct of the library, by its name in a header; the arrays that it points to live as long as it does.
 
-        fields : numbers; arrays, as for :meth:`buffer`; structs made so.
+        fields : numbers, of a pointer an address; arrays, as for :meth:`buffer`; structs made so.
         """
         inside = dict(self.ffi.typeof(kind).fields)
         kept = {name: self.buffer(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
-        made = self.ffi.new(f"{kind} *", {n: v[0] if inside[n].type.kind == "struct" else v for n, v in kept.items()})
+        made = self.ffi.new(f"{kind} *", {name: self._field(inside[name].type, v) for name, v in kept.items()})
         _pointed_to[made] = kept
         return made
+
+    def _field(self, kind: Any, value: Any) -> Any:
+        """A value as a field of a struct takes it."""
+        if kind.kind == "struct":
+            return value[0]
+        return self.ffi.cast(kind, value) if kind.kind in ("pointer", "function") and isinstance(value, int) else value

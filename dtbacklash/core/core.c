@@ -14,3 +14,5 @@
 #include "indexes.c"
 #include "loop.c"
 #include "exponential.c"
+#include "external.c"
+#include "model_exchange.c"

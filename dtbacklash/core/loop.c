@@ -18,8 +18,6 @@ static void measure(const Plant *P, State *S, const Signals *in, const Traces *o
     }
 }
 
-static int64_t least_of(int64_t a, int64_t b) { return a < b ? a : b; }
-
 /* Run the samples of a segment; returns the sample after the last one that was run, and why it ended in `why`: RAN,
  * NOVELTY, DIVERGED, or ALARM and an index. I : the indexes, or null. */
 int64_t dtb_run_loop(

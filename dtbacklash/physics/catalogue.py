@@ -15,7 +15,9 @@ from dtbacklash import source_hash
 from dtbacklash.errors import UserError
 from dtbacklash.physics import user_laws
 from dtbacklash.physics.effects import body, drive, sensor, servo, spring, table, transmission
+from dtbacklash.physics.effects.c_law import c_law_of
 from dtbacklash.physics.effects.declare import Effect, Role
+from dtbacklash.physics.effects.slots import formula_of
 from dtbacklash.physics.element_kinds import KINDS, SENSOR, Kind
 
 #: where a user keeps laws of his own, below the current directory
@@ -40,15 +42,13 @@ def kind_named(name: str) -> Kind:
 _FOUND: set[str] = set()
 
 
-def register(effect: Effect, foreign: bool = True) -> None:
-    """Add an effect to the catalogue.
+def check(effect: Effect) -> None:
+    """Refuse an effect that is not whole.
 
     Raises
     ------
     UserError : it acts nowhere (no such kind, a slot that the kind has not), its law asks for what there is not, its
         first parameter does not switch it off, or it is there already.
-
-    foreign : whether it comes from outside, so that results depend on it; not a law that a diagnosis has found.
     """
     key = f"effect {effect.name}"
     if effect.kind not in KINDS and effect.kind != SENSOR.name:
@@ -64,10 +64,27 @@ def register(effect: Effect, foreign: bool = True) -> None:
     effect.slot.check(effect)
     if (effect.kind, effect.name) in CATALOGUE:
         raise UserError(key, effect.kind, "is in the catalogue already")
+
+
+def register(effect: Effect, foreign: bool = True) -> None:
+    """Add an effect to the catalogue; its laws are formulas, or in C.
+
+    Raises
+    ------
+    UserError : it is not whole (:func:`check`), or a law is a function of Python.
+
+    foreign : whether it comes from outside, so that results depend on it; not a law that a diagnosis has found.
+    """
+    check(effect)
+    for field, law in effect.slot.laws().items():
+        formula, key = formula_of(law), f"effect {effect.name}.{field}"
+        if formula is None and c_law_of(law) is None:
+            allowed = 'a formula as text, e.g. "size*sin(position)", or a C function: CLaw(address, "position")'
+            raise UserError(key, f"{law.__name__}()", allowed)
+        if foreign and effect.declared is None:  # of what is in C its text has to say when it changes
+            source_hash.note_foreign(f"{effect.kind}.{key}: {formula.text if formula else effect.law}")
     if effect.declared is not None and foreign:
         source_hash.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
-    for law in effect.slot.laws().values() if effect.declared is None and foreign else ():
-        source_hash.note_foreign(law)
     CATALOGUE[effect.kind, effect.name] = effect
     if not foreign:
         _FOUND.add(effect.name)
@@ -144,7 +161,8 @@ for _effect in (
     *sensor.EFFECTS,
     *table.EFFECTS,
 ):
-    register(_effect)
+    check(_effect)
+    CATALOGUE[_effect.kind, _effect.name] = _effect
 
 #: what comes with the package: its laws are compiled into the simulation
 SHIPPED = dict(CATALOGUE)

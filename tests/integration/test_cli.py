@@ -13,7 +13,6 @@ import pytest
 from told import without_progress
 
 import dtbacklash
-from dtbacklash.compiled import cache_folder
 
 RUN_FILES = {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "report.html"}
 
@@ -51,7 +50,7 @@ def test_a_second_run_loads_no_library_that_designs(tmp_path):
         "import sys; from dtbacklash import cli; cli.main(['run', 'duration_s=2', 'figures=false', 'out=run']); "
         "print(sorted({'control', 'scipy.signal', 'scipy.stats', 'joblib'} & set(sys.modules)))"
     )
-    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": str(cache_folder())}
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
     for expected in ("['control'", "[]"):
         command = [sys.executable, "-c", code]
         options = {"capture_output": True, "text": True, "check": True, "env": environment, "cwd": tmp_path}

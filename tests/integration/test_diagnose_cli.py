@@ -14,7 +14,6 @@ import yaml
 from told import one_line
 
 from dtbacklash.commands import diagnose as command
-from dtbacklash.compiled import cache_folder
 from dtbacklash.diagnosis.explain.sentences import notes_of
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.diagnosis.several import source_of
@@ -48,7 +47,6 @@ def asked(monkeypatch, undrawn):
 def dtb(typed, tmp_path_factory, monkeypatch, asked):
     """Run ``dtb diagnose`` here in an empty folder that holds bench.csv: words -> (exit code, stdout, stderr)."""
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder()))  # compiled code stays where it is
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
     t = np.arange(4000) * 1e-3
     slow = np.sin(7 * t) + 0.3 * np.sin(23 * t)

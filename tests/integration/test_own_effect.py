@@ -27,9 +27,6 @@ def declare() -> None:
     from dtbacklash.physics.effects.declare import Effect, Parameter, Role
     from dtbacklash.physics.effects.slots import BodyEffort
 
-    def weight(position, torque, phase):
-        return torque * math.sin(position + phase)
-
     del catalogue.CATALOGUE["rotor", "gravity"]
     catalogue.register(
         Effect(
@@ -38,7 +35,8 @@ def declare() -> None:
                 Parameter("torque", "N m", 0.0, 10.0, 0.01, 0.0, role=Role.SIZE),
                 Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
             ),
-            "torque sin(theta + phase)", BodyEffort(weight), "m g l", "A weight of {torque} sits on the {location}.",
+            "torque sin(theta + phase)", BodyEffort("torque*sin(position + phase)"), "m g l",
+            "A weight of {torque} sits on the {location}.",
             conceal=lambda place, sign: (place.force_most, 0.1 * place.force),
         )
     )  # fmt: skip

@@ -41,7 +41,7 @@ def _rubbing(effect: Effect, values: Values, speed: Floats, load: Floats) -> Flo
 
 def _law_values(effect: Effect, values: Values, **states: Floats | float) -> Floats:
     """(N,) a law of some values at these states."""
-    return values_of(effect, list(values.values()), **states)
+    return values_of(effect, values, **states)
 
 
 def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | None:

@@ -13,65 +13,48 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.model_passes import (
-    EFFORT,
-    OUTPUT,
-    QUANTITIES,
-    VELOCITY,
-    Compiled,
-    laws,
-    led,
-    observe,
-    onwards,
-    put,
-    shown,
-    take,
-    told_by,
-)
+from dtbacklash.core.library import buffer, copied, lib, struct
 from dtbacklash.diagnosis.engine.resampling import Samples, first_read
 from dtbacklash.diagnosis.engine.rig_simulator import Simulated, late_by
 from dtbacklash.diagnosis.engine.simulator import Linear, Pass
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.kernel import laws
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: differences of states and of efforts for the linear part
 MOVED, PUSHED = 1e-5, 1e-3
 #: a joint is looked for in readings up to 2 to this power samples later
 HORIZON = 12
-#: the slots whose laws are simulated
+#: the slots whose laws act on joints, and those of the struct ``Model`` by field
 JOINTS = slots.BodyEffort, slots.Contact
+LAWS: dict[str, type[slots.Slot]] = {"effort": slots.BodyEffort, "level": slots.Contact, "read": slots.Reading}
 #: fine steps are so much smaller where a gap closes
 HARD = 2
 KNOWN = (*JOINTS, slots.JointPlay, slots.BodyDamping, slots.Command, slots.Late, slots.Reading)
+
+#: what a sensor of a quantity shows
+QUANTITIES = {
+    "position": lib.SHOWS_POSITION, "velocity": lib.SHOWS_VELOCITY, "acceleration": lib.SHOWS_ACCELERATION,
+    "torque": lib.SHOWS_EFFORT, "force": lib.SHOWS_EFFORT, "value": lib.SHOWS_OUTPUT,
+}  # fmt: skip
 
 #: what acts: of which joint or channel, the effect, its values
 Acting = list[tuple[int, Effect, Values]]
 
 
-class Parts(NamedTuple):
-    """What a simulator gives for a rig: ``owner`` is to be kept; else as in :class:`.model_passes.Compiled`."""
+class Model(NamedTuple):
+    """A model as the core steps it.
 
+    struct : of ``core/external.h``. width : numbers of a state. U : (fine steps, commands) what the actuators are told
+    in each. owner : what has to be there as long.
+    """
+
+    struct: Any
+    width: int
+    U: Floats
     owner: Any
-    step: int
-    forward: int
-    back: int
-    m: int
-    far: int
-    d: int
-    q: Floats
-    v: Floats
-    more: Floats
-    acceleration: Floats
-    push: Floats
-    load: Floats
-    ctrl: Floats
-    friction: Floats
-    shown: Floats
-    clock: Floats
-    at: np.ndarray
-    behind: np.ndarray
 
 
 R = TypeVar("R")
@@ -117,8 +100,10 @@ class Modelled(Simulated):
         """Far steps of a reading, and small ones of a far one. laws, contacts : whether such act on joints."""
         raise NotImplementedError
 
-    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
-        """The model with a rig's parameters, in its first state.
+    def parts(
+        self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool
+    ) -> tuple[Any, dict[str, Any]]:
+        """The model with a rig's parameters, in its first state: what has to be kept, and its fields of ``Model``.
 
         step_s, ratio : its small step, and how many are a far one. dampings : (joints,) that are added. contacts :
         joints with dry friction beside the model's. bare : without the model's own friction, contacts and limits, and
@@ -136,19 +121,19 @@ class Modelled(Simulated):
         key = (*(p.value for p in rig.config.parameters.values()), *linear)
         if key in self._linears:
             return self._linears[key]
-        _, c = self._model(rig, bare=True)
+        model = self._model(rig, bare=True)
         n, step = len(self._joints), r.sample_time_s
-        middle = self._start(rig, c, np.nan_to_num(np.nanmean(r.y, axis=0)))
-        size, u = len(middle), c.U.mean(axis=0)
+        middle = self._start(rig, model, np.nan_to_num(np.nanmean(r.y, axis=0)))
+        size, u = len(middle), model.U.mean(axis=0)
         middle[n : 2 * n] = 0.0
 
         base = np.concatenate([middle, np.zeros(n), u])
         ends, by = np.cumsum([size, n, len(u)]), np.repeat([MOVED, PUSHED, PUSHED], [size, n, len(u)])
-        by[ends[1] :] *= np.maximum(c.U.std(axis=0), 1e-3)
+        by[ends[1] :] *= np.maximum(model.U.std(axis=0), 1e-3)
 
         def go(at: Floats, far: bool) -> Floats:
             out = np.zeros(size if far else len(r.channels))
-            led(c, *np.split(at, ends[:2]), far, out)
+            lib.dtb_model_led(model.struct, *(buffer(part) for part in np.split(at, ends[:2])), far, buffer(out))
             return out
 
         def slopes(far: bool) -> list[Floats]:
@@ -182,61 +167,59 @@ class Modelled(Simulated):
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int, which: np.ndarray | None = None) -> Pass:
         """Predict and correct, sample by sample."""
         rig, Y = self._in_time(self._here(rig))
-        owner, c = self._model(rig)
+        model = self._model(rig)
         which = self.readings.which(opening, Y) if which is None else which
-        first = self._start(rig, c, np.array([first_read(y) for y in Y.T]))
-        D, X = np.zeros(Y.shape), np.zeros((len(Y), len(first)))
-        put(c, first)
-        gaps = np.zeros((len(K[1]), len(first) - K.shape[2], Y.shape[1]))  # what is in them is not corrected
-        observe(c, Y, np.concatenate([K[1], gaps], axis=1), which, D, X)
+        first = self._start(rig, model, np.array([first_read(y) for y in Y.T]))
+        (N, m), n = Y.shape, len(first)
+        D, X, corrected = np.zeros((N, m)), np.zeros((N, n)), 2 * model.struct.joints + model.struct.others
+        lib.dtb_model_put(model.struct, buffer(first))
+        lib.dtb_model_observe(
+            model.struct, N, n, copied(Y), copied(K[1], K.shape[1], corrected, m), buffer(which, N), buffer(D),
+            buffer(X),
+        )  # fmt: skip
         E = np.einsum("kij,kj->ki", W[1][which], D)
-        del owner
         return Pass(np.where(np.isfinite(Y), E, 0.0 * E), D, X, first)
 
     @_alone
     def onwards(self, rig: Rig, Z: Floats) -> Floats:
         """(N, n) where one sample leads from each state; the last row is 0."""
-        owner, c = self._model(self._in_time(self._here(rig))[0])
-        X = np.zeros_like(Z)
-        onwards(c, np.ascontiguousarray(Z), X)
-        del owner
+        model, X = self._model(self._in_time(self._here(rig))[0]), np.zeros(Z.shape)
+        lib.dtb_model_onwards(model.struct, len(Z), model.width, copied(Z, len(Z), model.width), buffer(X))
         return X
 
     @_alone
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of states, each at the time and the commands of its reading."""
-        owner, c = self._model(self._here(rig))
-        Y = np.zeros((len(Z), len(self.readings.channels)))
-        shown(c, np.ascontiguousarray(Z), Y)
-        del owner
-        return Y
+        return self._shown(self._model(self._here(rig)), Z)
 
     @_alone
     def loads(self, rig: Rig, Z: Floats) -> Floats:
         """(N, joints) what actuators exert on each joint at states Z (N, n), under the commands that follow; N, N m."""
-        owner, c = self._model(self._here(rig), loads=True)
-        Y = np.zeros((len(Z) + 1, len(self._joints)))
-        shown(c, np.concatenate([Z[:1], Z]), Y)
-        del owner
-        return Y[1:]
+        return self._shown(self._model(self._here(rig), loads=True), np.concatenate([Z[:1], Z]))[1:]
 
-    def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
+    @staticmethod
+    def _shown(model: Model, Z: Floats) -> Floats:
+        Y = np.zeros((len(Z), model.struct.sensors))
+        lib.dtb_model_shown(model.struct, len(Z), model.width, copied(Z, len(Z), model.width), buffer(Y))
+        return Y
+
+    def _start(self, rig: Rig, model: Model, read: Floats) -> Floats:
         """(n,) positions as they were read, others as in the model."""
-        start = np.zeros(2 * len(c.q) + len(c.more))  # of joints, what else the model has, and gaps
-        take(c, start)
+        start = np.zeros(model.width)
+        lib.dtb_model_take(model.struct, buffer(start))
         for channel, value in zip(self.readings.channels, read, strict=True):
             sensor = rig.sensors[channel]
             if sensor.quantity == "position":
                 start[self._joints.index(sensor.of)] = value
         return start
 
-    def _model(self, rig: Rig, bare: bool = False, loads: bool = False) -> tuple[Any, Compiled]:
-        """What has to be kept, with what the loops need of a rig.
+    def _model(self, rig: Rig, bare: bool = False, loads: bool = False) -> Model:
+        """The model with what acts on it in a rig, and what its sensors show.
 
         bare : without laws that are not linear. loads : sensors are of what actuators exert on each joint.
         """
         r = self.readings
-        found: dict[type, Acting] = {kind: [] for kind in (*JOINTS, slots.Reading)}
+        found: dict[type, Acting] = {kind: [] for kind in LAWS.values()}
         dampings = np.zeros(len(self._joints))
         for name in rig.effects:
             element = rig.elements.get(name)
@@ -260,24 +243,31 @@ class Modelled(Simulated):
         far, ratio = self.steps(bool(found[slots.BodyEffort]), bool(contacts) or hard)
         far, ratio = (far * ratio * (HARD if self.finely else 1), 1) if hard else (far, ratio)
         whole, begin = far * ratio, r.every // 2 * r.sample_time_s / r.every
-        parts = self.parts(rig, r.sample_time_s / whole, ratio, dampings, contacts, bare)
-        efforts = [(EFFORT, j, 0.0) for j in range(len(self._joints))]
+        owner, parts = self.parts(rig, r.sample_time_s / whole, ratio, dampings, contacts, bare)
+        efforts = [(lib.SHOWS_EFFORT, j, 0.0) for j in range(len(self._joints))]
         sensors = np.array(efforts if loads else [self._sensor(rig, c) for c in r.channels], dtype=float)
-        needs = bool(((sensors[:, 0] > VELOCITY) | ((sensors[:, 0] == VELOCITY) & (sensors[:, 2] > 0.0))).any())
-        if not needs:
-            parts = parts._replace(forward=0)
-        return parts.owner, Compiled(
-            *parts[1:], parts.friction.copy(), self._commands(rig, whole), begin, whole, ratio,
-            r.sample_time_s / whole, laws(found[slots.BodyEffort]),
-            laws(found[slots.Contact]), laws([] if loads else found[slots.Reading]), sensors,
+        moves = sensors[:, 0] == lib.SHOWS_POSITION, (sensors[:, 0] == lib.SHOWS_VELOCITY) & (sensors[:, 2] <= 0.0)
+        if (moves[0] | moves[1]).all():
+            parts["forward"] = 0
+        acting = {field: found[kind] for field, kind in LAWS.items()}
+        if loads:
+            acting["read"] = []
+        U, more = self._commands(rig, whole), len(parts["more"])
+        made = struct(
+            "Model", **parts, **{f"{field}s": len(one) for field, one in acting.items()},
+            **{field: laws.acting(LAWS[field], one) for field, one in acting.items()},
+            degrees=len(parts["q"]), joints=len(self._joints), others=more, commands=U.shape[1], sensors=len(sensors),
+            still=parts["friction"].copy(), U=U, fine=len(U), whole=whole, ratio=ratio, begin=begin,
+            h=r.sample_time_s / whole, sensor=sensors,
         )  # fmt: skip
+        return Model(made, 2 * len(parts["q"]) + more, U, owner)
 
     def _sensor(self, rig: Rig, channel: str) -> tuple[float, float, float]:
-        """Its row of :class:`Compiled`."""
+        """Its row of ``sensor`` of the struct."""
         sensor = rig.sensors[channel]
         quantity = QUANTITIES[sensor.quantity]
         late = late_by(rig, channel, self.readings.sample_time_s)[1]
-        if quantity == OUTPUT:
+        if quantity == lib.SHOWS_OUTPUT:
             return quantity, list(self.outputs(rig)).index(sensor.of), late
         joint = rig.elements[sensor.of].neighbours.get("drives", sensor.of)
         return quantity, self._joints.index(joint), late
@@ -294,11 +284,9 @@ class Modelled(Simulated):
         drives = [e for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
         columns = [np.zeros(0)] * len(drives)
         for element, column in zip(drives, recorded.T, strict=True):
-            u = np.ascontiguousarray(column)
+            u = column
             for effect, values in rig.active(element.name, slots.Command):
-                told = np.zeros(len(u))
-                told_by(laws([(0, effect, values)]), u, told)
-                u = told
+                u = laws.values_of(effect, values, command=u)
             if r.every > 1:
                 u = np.convolve(np.pad(u, r.every // 2, "edge"), np.full(r.every, 1.0 / r.every), "valid")
             late = rig.amount(element.name, slots.Late, "time") / (r.sample_time_s / r.every)

@@ -5,15 +5,16 @@ Its continuous states are set, its real inputs are commands and forces. Steps ar
 
 import math
 from contextlib import AbstractContextManager, suppress
+from typing import Any
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.external_simulator import MOVED, Modelled, Parts
-from dtbacklash.diagnosis.engine.fmu_passes import NEXT, STEP, TIME, block, functions, length_of
-from dtbacklash.diagnosis.engine.model_passes import Compiled
+from dtbacklash.core.library import ffi, lib, struct
+from dtbacklash.diagnosis.engine.external_simulator import MOVED, Model, Modelled
 from dtbacklash.diagnosis.engine.resampling import Samples
 from dtbacklash.errors import UserError
+from dtbacklash.physics.fmu_file import DECISIONS
 from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, passes, rates_by_states
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX
 from dtbacklash.physics.rig import Rig
@@ -26,6 +27,19 @@ LOOKED = 12
 TURNS = 3
 #: steps of a sample at most
 MOST = 2000
+#: field of the struct ``Fmu`` -> the FMU's function, without fmi2 or fmi3
+FUNCTIONS = {
+    "set_time": "SetTime", "set_states": "SetContinuousStates", "get_states": "GetContinuousStates",
+    "get_signs": "GetEventIndicators", "begin_event": "EnterEventMode", "end_event": "EnterContinuousTimeMode",
+    "completed": "CompletedIntegratorStep",
+}  # fmt: skip
+OF_FMI_2 = {
+    "get_rates": "GetDerivatives", "set_inputs": "SetReal", "get_outputs": "GetReal", "decide": "NewDiscreteStates",
+}  # fmt: skip
+OF_FMI_3 = {
+    "get_rates": "GetContinuousStateDerivatives", "set_inputs": "SetFloat64", "get_outputs": "GetFloat64",
+    "decide": "UpdateDiscreteStates",
+}  # fmt: skip
 
 
 class Exchanged(Modelled):
@@ -88,9 +102,9 @@ class Exchanged(Modelled):
     def _values(rig: Rig) -> dict[str, float]:
         return {title: float(p.value) for title, p in rig.config.parameters.items()}
 
-    def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
+    def _start(self, rig: Rig, model: Model, read: Floats) -> Floats:
         """Positions that no sensor reads begin where nothing would move them, without a command."""
-        start = super()._start(rig, c, read)
+        start = super()._start(rig, model, read)
         known = [rig.sensors[channel] for channel in self.readings.channels]
         known_of = [s.of for s in known if s.quantity == "position"]
         free = [k for k, joint in enumerate(self._joints) if joint not in known_of]
@@ -128,39 +142,35 @@ class Exchanged(Modelled):
             self._share = values, found
         return found
 
-    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+    def parts(
+        self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool
+    ) -> tuple[Any, dict[str, Any]]:
         """The instance of this thread, begun anew."""
         fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
-        j, u, share = len(self._joints), len(self._told), self._shares(rig, values)
-        x = instance.begin(values)
-        told, shown = fmu.inputs, self.outputs(rig)
-        names = [np.array(fmu.references(which), dtype=np.uint32) for which in (told, shown)]
-        sizes = len(x), j, u, len(told), len(shown), fmu.signs
-        d = np.zeros(length_of(*sizes))
-        rates, put, get = (
-            ("GetContinuousStateDerivatives", "SetFloat64", "GetFloat64")
-            if instance.threes
-            else ("GetDerivatives", "SetReal", "GetReal")
-        )
-        called = (
-            "SetTime", "SetContinuousStates", rates, put, get, "CompletedIntegratorStep", "GetEventIndicators",
-            "EnterEventMode", "UpdateDiscreteStates" if instance.threes else "NewDiscreteStates",
-            "EnterContinuousTimeMode", "GetContinuousStates",
+        share = self._shares(rig, values)
+        x = instance.begin(values)[self._order]
+        n, j, told, outputs = len(x), len(self._joints), fmu.inputs, self.outputs(rig)
+        sizes = [
+            (n, ("rate", "theirs", "theirs_rate", "begun", "total", "rest")), (len(told), ("given",)),
+            (len(self._told), ("ctrl",)), (len(outputs), ("shown",)), (1, ("clock",)), (j * j, ("pair",)),
+            (j, ("push", "friction", "held", "mark", "load")), (fmu.signs, ("sign",)),
+        ]  # fmt: skip
+        room = {name: np.zeros(size) for size, names in sizes for name in names}
+        named, shown = fmu.references(told), fmu.references(outputs)
+        called = FUNCTIONS | (OF_FMI_3 if instance.threes else OF_FMI_2)
+        model = struct(
+            "Fmu", **{name: instance.address(function) for name, function in called.items()}, **room, x=x, share=share,
+            instance=int(instance.fmu.component), threes=instance.threes, follows=fmu.switches and not bare,
+            decisions=DECISIONS, states=n, joints=j, commands=len(self._told), inputs=len(told), outputs=len(outputs),
+            signs=fmu.signs, input_names=ffi.new("uint32_t[]", named), output_names=ffi.new("uint32_t[]", shown),
+            inputs_named=len(named), outputs_named=len(shown), order=np.array(self._order, dtype=np.int64),
+            input=np.array(self._told, dtype=np.int64), force=np.array(self._forces, dtype=np.int64), step=step_s,
+            next=instance.next_s, still=np.array(list(first_inputs(fmu).values())), before=instance.signs(),
+            damping=dampings,
         )  # fmt: skip
-        tables = [*self._order, *self._told, *self._forces]
-        m = np.array([
-            0, len(d), d.ctypes.data, int(instance.fmu.component), *(instance.address(name) for name in called),
-            *sizes, fmu.switches and not bare, *(n.ctypes.data for n in names),
-            *map(len, names), *tables,
-        ], dtype=np.int64)  # fmt: skip
-        m[0], d[STEP], d[NEXT] = len(m), step_s, instance.next_s
-        b = block.py_func(m, d)
-        b.x[:], b.still[:] = x[self._order], list(first_inputs(fmu).values())
-        b.before[:] = instance.signs()
-        b.damping[:], b.share[:] = dampings, share.ravel()
-        step, forward, back = functions()
-        return Parts(
-            (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, 0, d.ctypes.data,
-            b.x[:j], b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
-            d[TIME : TIME + 1], np.arange(j), np.full(j, -1),
-        )  # fmt: skip
+        steps = {"step": lib.dtb_fmu_step, "forward": lib.dtb_fmu_forward, "back": lib.dtb_fmu_back}
+        shared = {name: room[name] for name in ("push", "load", "ctrl", "friction", "shown", "clock")}
+        return (model, instance), steps | shared | {
+            "model": ffi.cast("void *", model), "q": x[:j], "v": x[j : 2 * j], "more": x[2 * j :],
+            "acceleration": room["rate"][j : 2 * j], "at": np.arange(j), "behind": np.full(j, -1),
+        }  # fmt: skip

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import cfunc, types
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.external_simulator import Modelled, Parts
+from dtbacklash.core.library import ffi, lib
+from dtbacklash.diagnosis.engine.external_simulator import Modelled
 from dtbacklash.diagnosis.engine.resampling import Samples
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.mjcf import (
@@ -65,7 +65,9 @@ class Stepped(Modelled):
         )
         return far, math.ceil(parts * self._own / far) if contacts else 1
 
-    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+    def parts(
+        self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool
+    ) -> tuple[Any, dict[str, Any]]:
         """A copy of the model, with its data."""
         import mujoco as mj
 
@@ -97,11 +99,13 @@ class Stepped(Modelled):
         if bare:
             m.dof_frictionloss[:] = 0.0
             m.opt.disableflags |= unused.mjDSBL_CONTACT | unused.mjDSBL_LIMIT
-        return Parts(
-            (m, far, d), *functions(), m._address, far._address, d._address, d.qpos, d.qvel, d.act, d.qacc,
-            d.qfrc_applied, d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0), np.zeros(1),
-            at, behind,
-        )  # fmt: skip
+        fields = {
+            "q": d.qpos, "v": d.qvel, "more": d.act, "acceleration": d.qacc, "push": d.qfrc_applied,
+            "load": d.qfrc_actuator, "ctrl": d.ctrl, "friction": m.dof_frictionloss, "shown": np.zeros(0),
+            "clock": np.zeros(1), "at": at.astype(np.int64), "behind": behind,
+        }  # fmt: skip
+        addresses = {"model": m._address, "far": far._address, "data": d._address}
+        return (m, far, d), addresses | functions() | fields
 
 
 def rate_of(model: Any) -> float:
@@ -116,20 +120,14 @@ def rate_of(model: Any) -> float:
     return float(np.abs(np.log(np.linalg.eigvals(A) + 1e-12)).max() / m.opt.timestep)
 
 
-@cfunc(types.void(types.voidptr))  # type: ignore[untyped-decorator]
-def _quiet(text: Any) -> None:
-    pass
-
-
 @functools.cache
-def functions() -> tuple[int, int, int]:
+def functions() -> dict[str, int]:
     """Addresses of step, forward and reset; MuJoCo's warnings are not printed, as what is not finite is seen here."""
     import mujoco
 
     folder = Path(mujoco.__file__).parent
     file = next(f for f in folder.iterdir() if re.fullmatch(r"(lib)?mujoco\.(so|dll|[\d.]*dylib).*", f.name))
     library = ctypes.CDLL(str(file))
-    ctypes.c_void_p.in_dll(library, "mju_user_warning").value = _quiet.address
-    found = (library.mj_step, library.mj_forward, library.mj_resetData)
-    step, forward, back = (int(ctypes.cast(f, ctypes.c_void_p).value or 0) for f in found)
-    return step, forward, back
+    ctypes.c_void_p.in_dll(library, "mju_user_warning").value = int(ffi.cast("intptr_t", lib.dtb_ignore))
+    named = {"step": library.mj_step, "forward": library.mj_forward, "back": library.mj_resetData}
+    return {name: int(ctypes.cast(function, ctypes.c_void_p).value or 0) for name, function in named.items()}

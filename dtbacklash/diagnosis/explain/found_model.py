@@ -14,8 +14,9 @@ from typing import Any
 
 from dtbacklash.physics import fmus
 from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.c_law import c_law_of
 from dtbacklash.physics.effects.declare import Effect, Values
-from dtbacklash.physics.effects.slots import ROW, Law, arguments
+from dtbacklash.physics.effects.slots import ROW, arguments, formula_of
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, mended, model_of, number_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -34,6 +35,13 @@ import math
 
 SLOW = 1e-4
 '''
+#: what formulas call, as plain Python
+FORMULA_FUNCTIONS = """\
+from math import atan, cos, exp, log, sin, sqrt, tan, tanh
+
+
+def sign(x):
+    return (x > 0.0) - (x < 0.0)"""
 #: what a joint's law may ask for, in terms of MuJoCo's data
 STATES = {
     "position": "float(q)", "velocity": "float(v)", "time": "data.time", "slip_speed": "abs(float(v))",
@@ -75,10 +83,8 @@ def _found_mjcf(rig: Rig) -> dict[str, str]:
             elif isinstance(slot, slots.Contact) and not slots.asked(effect):
                 given = [list(values.values())[n] for n in arguments(slot.level, (), effect) if isinstance(n, int)]
                 frictions[joint] = frictions.get(joint, 0.0) + float(slot.level(*given))
-            elif isinstance(slot, (slots.BodyEffort, slots.Contact, slots.Command)):
-                law = next(iter(slot.laws().values()))
-                _gather(law, sources)
-                value = _call(effect, values, law)
+            elif not _in_c(effect) and isinstance(slot, (slots.BodyEffort, slots.Contact, slots.Command)):
+                value = _call(effect, values, sources)
                 if isinstance(slot, slots.Contact):
                     frictions.setdefault(joint, 0.0)
                     levels.setdefault(joint, []).append(value)
@@ -97,7 +103,7 @@ def _found_mjcf(rig: Rig) -> dict[str, str]:
     file = Path(rig.config.model).name
     files = {file: mended(rig.config, frictions, dampings, plays)}
     if calls or beside:
-        said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
+        said = f"; not in it, as it is no force or stands in C: {', '.join(beside)}" if beside else ""
         pushed = [_at(name)[0] for name in rig.elements if _at(name)[0] in calls]
         lines = [*(f"data.qfrc_applied[{line.removeprefix('joint = ')}.dofadr[0]] = 0.0" for line in pushed), *calls]
         body = "".join(f"    {line}\n" for line in lines or ["pass"])
@@ -117,14 +123,13 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
         for effect, values in rig.active(name, slots.Slot):
             slot, element = effect.slot, rig.elements.get(name)
             joint = str(element.neighbours.get("drives", name)) if element else ""
-            if not isinstance(slot, (slots.BodyDamping, slots.BodyEffort, slots.Contact, slots.Command)):
+            known = slots.BodyDamping, slots.BodyEffort, slots.Contact, slots.Command
+            if _in_c(effect) or not isinstance(slot, known):
                 beside.append(f"{effect.name} of {name.removeprefix(SENSOR_PREFIX)}")
                 continue
             value = f"-{float(next(iter(values.values())))!r} * v"
             if not isinstance(slot, slots.BodyDamping):
-                law = next(iter(slot.laws().values()))
-                _gather(law, sources)
-                value = _call(effect, values, law, FMU_STATES)
+                value = _call(effect, values, sources, FMU_STATES)
             if isinstance(slot, slots.Command):
                 u = f"found[{name.removeprefix(ACTUATOR_PREFIX)!r}]"
                 told += [f"u = {u}", f"{u} = {value}  # {effect.name}"]
@@ -143,7 +148,7 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
                        f"found[{force!r}] = found.get({force!r}, 0.0) + {value}  # {effect.name}"]  # fmt: skip
     files = {"parameters.yaml": fmus.start_values(rig.config)}
     if told or forces or beside:
-        said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
+        said = f"; not in it, as it is no force or stands in C: {', '.join(beside)}" if beside else ""
         sent = ["sent = dict(found)"] if any(" sent[" in line for line in forces) else []
         lines = ["found = dict(command)", *told, *sent, *forces, "return found"]
         texts = [FMU_HEAD.format(model=Path(rig.config.model).name, said=said), *sources.values()]
@@ -158,12 +163,22 @@ def _at(joint: str) -> list[str]:
             "q, v = data.qpos[joint.qposadr[0]], data.qvel[dof]"]  # fmt: skip
 
 
-def _call(effect: Effect, values: Values, law: Law, states: Mapping[str, str] = STATES) -> str:
-    """A law with an effect's values, of a simulator's data."""
+def _in_c(effect: Effect) -> bool:
+    """Whether a law of an effect cannot be written out."""
+    return any(c_law_of(law) for law in effect.slot.laws().values())
+
+
+def _call(effect: Effect, values: Values, sources: dict[str, str], states: Mapping[str, str] = STATES) -> str:
+    """An effect's law with its values, of a simulator's data; its source is added to ``sources``."""
+    law = next(iter(effect.slot.laws().values()))
     numbers = [float(v) for v in values.values()]
     names = arguments(law, effect.slot.states, effect)
     given = [repr(numbers[n]) if isinstance(n, int) else repr(numbers) if n == ROW else states[n] for n in names]
-    return f"{law.__name__}({', '.join(given)})"
+    if formula := formula_of(law):
+        sources |= {"": FORMULA_FUNCTIONS, effect.name: formula.source(effect.name)}
+    else:
+        _gather(law, sources)
+    return f"{effect.name if formula else law.__name__}({', '.join(given)})"
 
 
 def _gather(function: Any, found: dict[str, str]) -> None:

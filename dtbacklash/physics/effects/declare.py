@@ -231,6 +231,11 @@ class Effect:
     covered: Callable[[Values], Mapping[str, tuple[float, float]]] = lambda values: {}
     turned: str = "the same with the other sign has"
 
+    def __post_init__(self) -> None:
+        """Read laws that are no functions of Python."""
+        read = self.slot.read([p.name for p in self.parameters], f"effect {self.name}")
+        object.__setattr__(self, "slot", read)
+
     @property
     def size(self) -> Parameter:
         """The parameter that a search scales first; its neutral value switches off what it stands for."""

@@ -11,13 +11,15 @@ import math
 import re
 import warnings
 from collections.abc import Collection, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from dtbacklash import units
 from dtbacklash.errors import UserError
-from dtbacklash.physics.effects.slots import Law
+
+if TYPE_CHECKING:
+    from dtbacklash.physics.effects.slots import Law
 
 #: function -> the least and the largest number of its arguments
 FUNCTIONS: Final = {
@@ -176,6 +178,10 @@ class Formula:
         space["formula"].formula = self
         made_function: Law = space["formula"]
         return made_function
+
+    def source(self, name: str) -> str:
+        """The function as Python's source, of floats; it calls the functions of :data:`FUNCTIONS` by their names."""
+        return f"def {name}({', '.join(self.names)}):\n    return {ast.unparse(self._tree)}"
 
     def program(self) -> list[tuple[str, Any]]:
         """The formula as operations of a stack machine, in the order in which it carries them out.

@@ -3,15 +3,17 @@
 A slot that holds laws names the states that they may ask for. A law is one small function; those of its
 arguments that bear a state's name are given that state, the others are the effect's parameters (by name, ``size``
 for the first, where all of them are such names, else all parameters in their order); ``row`` is all parameters in
-their order, as one array. A slot without a law names the parameter that the linear plant, a delay or the gear takes.
+their order, as one array. Laws of the package are functions of Python here and of C in the core; those of others are
+formulas as text, or a :class:`.c_law.CLaw`. A slot without a law names the parameter that the linear plant, a delay or
+the gear takes.
 """
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from dtbacklash.errors import UserError
 
@@ -59,6 +61,25 @@ class Slot:
         """The parameters that it names, by field."""
         said = {f.name: getattr(self, f.name) for f in fields(self)}
         return {field: name for field, name in said.items() if isinstance(name, str) and name}
+
+    def read(self, parameters: Sequence[str], key: str) -> Self:
+        """The slot with functions in place of laws that are text or in C.
+
+        Raises
+        ------
+        UserError : one is no formula, or asks for what there is not.
+        """
+        from dtbacklash.physics.effects.c_law import CLaw
+        from dtbacklash.physics.effects.formula import Formula
+
+        made: dict[str, Law] = {}
+        for f in fields(self):
+            law, mine = getattr(self, f.name), f"{key}.{f.name}"
+            if f.type == "Law" and isinstance(law, str):
+                made[f.name] = Formula(law, self.states, parameters, mine).function()
+            elif isinstance(law, CLaw):
+                made[f.name] = law.function(self.states, parameters, mine)
+        return replace(self, **made) if made else self
 
     def check(self, effect: Effect) -> None:
         """Refuse a law whose arguments are neither states nor the effect's parameters, and names of no parameter.

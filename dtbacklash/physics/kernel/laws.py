@@ -1,17 +1,20 @@
-"""From an effect to what the core calls: a function of ``laws.c``, a formula's program, or a function of Python."""
+"""From an effect to what the core calls: a function of ``laws.c``, a formula's program, or an address."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.core.library import LAWS, buffer, ffi, lib
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.effects.declare import Effect
-from dtbacklash.physics.effects.slots import ROW, ROW_PARAMETERS, Law, Slot, formula_of
+from dtbacklash.physics.effects.c_law import c_law_of
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.effects.slots import ROW_PARAMETERS, Law, Slot, formula_of
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 
@@ -23,6 +26,8 @@ SLOTS: dict[int, tuple[type[Slot], ...]] = {
     pl.MOTOR_TORQUE: (slots.MotorTorque,), pl.LEAD: (slots.Lead,),
 }  # fmt: skip
 _FUNCTION = ffi.typeof("void (*)(void)")
+#: structs of laws -> their parameters, which have to be there as long
+_parameters: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
 class Called:
@@ -82,21 +87,12 @@ def _base(slot: type[Slot]) -> type[Slot]:
 
 
 def _of_other(law: Law, names: tuple[str | int, ...], slot: type[Slot]) -> Called:
-    """A law that others have registered; a function of Python is compiled as the core calls it."""
+    """A law that others have registered, or that the package has under another name."""
     if formula := formula_of(law):
         places = dict(zip(formula.names, names, strict=True))
         return program(formula.program(), places, slot)
-    given = [
-        f"p[{one}]" if isinstance(one, int) else "p" if one == ROW else f"at[{slot.states.index(one)}]" for one in names
-    ]
-    from numba import cfunc
-
-    from dtbacklash.physics.kernel.numba_laws import jitted
-
-    space: dict[str, Any] = {"law": jitted(law)}
-    exec(f"def called(at, p):\n    return float(law({', '.join(given)}))", space)
-    made = cfunc("float64(CPointer(float64), CPointer(float64))", error_model="numpy")(space["called"])
-    return Called(ffi.cast(_FUNCTION, made.address), ffi.NULL, made)
+    c_law = c_law_of(law)
+    return Called(ffi.cast(_FUNCTION, c_law.address), ffi.NULL, c_law) if c_law else core_law(law, slot)
 
 
 def program(steps: list[tuple[str, Any]], places: dict[str, str | int], slot: type[Slot]) -> Called:
@@ -129,16 +125,27 @@ def fill(law: Any, found: list[Called]) -> None:
         law.call[k], law.formula[k] = one.function, one.formula
 
 
-def values_of(effect: Effect, values: list[float], **states: Floats | float) -> Floats:
+def acting(slot: type[Slot], found: Sequence[tuple[int, Effect, Values]]) -> Any:
+    """The structs of laws of one slot, with their parameters.
+
+    found : what each acts on (``at`` of the struct), its effect, its values.
+    """
+    rows, entries = np.zeros((len(found), ROW_PARAMETERS)), ffi.new("Law[]", max(len(found), 1))
+    parameters = buffer(rows)
+    for k, (at, effect, values) in enumerate(found):
+        rows[k, : len(values)] = list(values.values())
+        fill(entries[k], called(slot, dispatch.code_of(effect)))
+        entries[k].at, entries[k].p = at, parameters + k * ROW_PARAMETERS
+    _parameters[entries] = parameters
+    return entries
+
+
+def values_of(effect: Effect, values: Values, **states: Floats | float) -> Floats:
     """(N,) the first law of an effect, with these values of its parameters, at states (N,) or numbers; others are 0."""
     slot = _base(type(effect.slot))
     given = np.broadcast_arrays(*states.values())
-    at, row, out = np.zeros((given[0].size, len(slot.states))), np.zeros(ROW_PARAMETERS), np.empty(given[0].size)
+    at, out = np.zeros((given[0].size, len(slot.states))), np.empty(given[0].size)
     for name, one in zip(states, given, strict=True):
         at[:, slot.states.index(name)] = one
-    row[: len(values)] = values
-    law, parameters = ffi.new("Law *"), buffer(row)
-    fill(law, called(slot, dispatch.code_of(effect)))
-    law.p = parameters
-    lib.dtb_law_values(law, len(at), at.shape[1], buffer(at), buffer(out))
+    lib.dtb_law_values(acting(slot, [(0, effect, values)]), len(at), at.shape[1], buffer(at), buffer(out))
     return out

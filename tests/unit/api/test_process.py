@@ -16,7 +16,7 @@ import json, logging, os, signal, sys, warnings
 KINDS = ("JobRuntime", "VersionBase", "HydraConfig")
 
 def snapshot():
-    import matplotlib, numba, numpy, joblib.parallel
+    import matplotlib, numpy, joblib.parallel
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.singleton import Singleton
     from omegaconf.basecontainer import BaseContainer
@@ -26,7 +26,6 @@ def snapshot():
     return {
         "environment": dict(os.environ), "folder": os.getcwd(), "path": list(sys.path), "argv": list(sys.argv),
         "excepthook": repr(sys.excepthook), "signals": repr(signal.getsignal(signal.SIGINT)),
-        "numba": {name: repr(value) for name, value in vars(numba.config).items() if name.isupper()},
         "matplotlib": {name: repr(dict.__getitem__(matplotlib.rcParams, name)) for name in matplotlib.rcParams},
         "hydra": repr(GlobalHydra.instance().hydra),
         "singletons": sorted(kind.__name__ for kind in Singleton._instances if kind.__name__ in KINDS),
@@ -43,7 +42,7 @@ def snapshot():
 #: what changes warnings' filters or loads linear algebra when it is imported, by itself
 LIBRARIES = """
 import control
-import hydra, joblib, matplotlib.figure, numba, numpy, pandas, pyarrow.parquet, rich.progress
+import hydra, joblib, matplotlib.figure, numpy, pandas, pyarrow.parquet, rich.progress
 import scipy.optimize, scipy.signal
 import hydra_plugins
 from hydra.core.plugins import Plugins
@@ -66,10 +65,10 @@ def changed(code: str) -> dict[str, list]:
 @pytest.mark.nightly
 def test_the_snapshot_sees_changes():
     code = (
-        "import matplotlib, numba; numba.config.CACHE_DIR = 'x'; matplotlib.rcParams['font.size'] = 3; "
+        "import matplotlib; matplotlib.rcParams['font.size'] = 3; "
         "os.environ['OMP_NUM_THREADS'] = '77'; warnings.simplefilter('error'); logging.getLogger('x').setLevel(10)"
     )
-    assert set(changed(code)) == {"numba", "matplotlib", "environment", "warnings", "levels"}
+    assert set(changed(code)) == {"matplotlib", "environment", "warnings", "levels"}
 
 
 @pytest.mark.check

@@ -1,4 +1,4 @@
-"""What is wrong with a command line is told at once: before Hydra, numba, pandas and matplotlib are loaded."""
+"""What is wrong with a command line is told at once: before Hydra, pandas and matplotlib are loaded."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ SCRIPT = """
 import sys, time
 from dtbacklash.cli import main
 code = main(["diagnose", *sys.argv[1:]])
-heavy = {"numpy", "hydra", "omegaconf", "numba", "pandas", "matplotlib"} & set(sys.modules)
+heavy = {"numpy", "hydra", "omegaconf", "pandas", "matplotlib"} & set(sys.modules)
 print(code, sorted(heavy), time.process_time() < 1.0)
 """
 

@@ -104,7 +104,7 @@ def test_a_law_gives_what_its_declaration_gives(shipped):
         )
         for k in range(300)
     ]
-    found = laws.values_of(shipped, list(values.values()), **states)
+    found = laws.values_of(shipped, values, **states)
     assert np.allclose(found, expected, rtol=1e-15, atol=0.0)
 
 
@@ -183,19 +183,17 @@ def test_the_deepest_formula_stays_on_the_stack():
 
 
 @pytest.mark.usefixtures("unregistered")
-def test_a_law_in_python_is_called_by_the_core():
-    def wobble(velocity, size, rate):
-        return size * np.sin(rate * velocity)
-
+def test_a_formula_of_an_effect_is_evaluated_by_the_core():
     parameters = (
         Parameter("size", "N m", 0.0, 1e3, 0.1, 0.0, role=Role.SIZE),
         Parameter("rate", "s/rad", 0.0, 9.0, 2.0),
     )
-    effect = Effect("wobble", "rotor", parameters, "size sin(rate v)", BodyEffort(wobble), "a test", "{size}.",
-                    conceal=lambda place, sign: (0.0, 0.0))  # fmt: skip
+    effect = Effect("wobble", "rotor", parameters, "size sin(rate v)", BodyEffort("size*sin(rate*v)"), "a test",
+                    "{size}.", conceal=lambda place, sign: (0.0, 0.0))  # fmt: skip
     catalogue.register(effect)
     v = np.linspace(-1.0, 1.0, 7)
-    assert np.allclose(laws.values_of(effect, [0.1, 2.0], velocity=v), 0.1 * np.sin(2.0 * v), rtol=1e-15)
+    found = laws.values_of(effect, {"size": 0.1, "rate": 2.0}, velocity=v)
+    assert np.allclose(found, 0.1 * np.sin(2.0 * v), rtol=1e-15)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import CATALOGUE
-from dtbacklash.physics.kernel import dispatch, numba_laws
+from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.rig_file import rig_content, rig_of
 from dtbacklash.physics.simulate import simulate, simulate_plant
 
@@ -176,10 +176,3 @@ def test_a_memory_that_falls_at_once_is_no_memory():
     viscous = rig.with_effect("mass", "mine", None).with_effect("mass", "viscous_friction", {"coefficient": 8.0})
     shown = simulate(viscous, u, STEP_S).sensors["x"]
     assert np.abs(simulate(rig, u, STEP_S).sensors["x"] - shown).max() < 1e-4 * np.abs(shown).max()
-
-
-def test_what_is_written_out_can_be_loaded_again_by_itself():
-    """Compiled code that is kept names its module: without one it could not be loaded for a kernel that has changed."""
-    written = [one for one in vars(numba_laws).values() if getattr(one, "targetoptions", {}).get("forceinline")]
-    assert len(written) == 15
-    assert {one.py_func.__module__ for one in written} == {numba_laws.__name__}

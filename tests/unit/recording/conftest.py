@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.compiled import cache_folder
 from dtbacklash.errors import UserError
 from dtbacklash.recording import read_recording
 
@@ -18,8 +17,7 @@ LEAD = 1e-3 / np.pi  # m/rad
 
 @pytest.fixture(autouse=True)
 def nowhere(tmp_path, monkeypatch):
-    """No recordings but those that a test makes; compiled code stays where it is, or each test would compile anew."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder()))
+    """No recordings but those that a test makes."""
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)

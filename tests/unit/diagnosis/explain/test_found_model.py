@@ -8,6 +8,7 @@ from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis.explain.found_model import found_model
 from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import records_of
+from dtbacklash.physics import catalogue
 from dtbacklash.recording.model import Recording
 
 mujoco = pytest.importorskip("mujoco")
@@ -17,21 +18,35 @@ MODEL = """<mujoco><option timestep="0.001" gravity="0 0 0" integrator="RK4"/>
 <geom type="cylinder" size="0.2 0.02" mass="5"/></body></worldbody>
 <actuator><motor name="spin" joint="axle"/></actuator></mujoco>"""
 STEP_S, N = 5e-3, 800
+#: a law of a user's own
+LAWS = {
+    "ratchet": {
+        "acts_on": "turning_joint", "law": "-drag*min(v, 0)**2*sign(v)*exp(sin(q))",
+        "parameters": {"drag": {"low": 0, "high": 1, "start": 0.01}},
+    },
+}  # fmt: skip
 FOUND = {
     "axle": {
         "viscous_friction": {"coefficient": 0.1}, "coulomb_friction": {"torque": 0.15},
         "cogging": {"torque": 0.2, "periods": 5.0, "phase": 0.4}, "constant_load": {"torque": 0.05},
-        "stribeck_friction": {"torque": 0.1, "speed": 0.5},
+        "stribeck_friction": {"torque": 0.1, "speed": 0.5}, "ratchet": {"drag": 0.03},
     },
     "actuator_spin": {"dead_zone": {"half_width": 0.1}},
     "sensor_angle": {"offset": {"offset": 0.01}},
 }  # fmt: skip
 
 
+@pytest.fixture
+def withdrawn():
+    yield
+    catalogue.withdraw(LAWS)
+
+
+@pytest.mark.usefixtures("withdrawn")
 def test_the_mended_model_and_its_laws_move_as_the_diagnosis_simulates(tmp_path):
     (tmp_path / "wheel.xml").write_text(MODEL)
     rig = load_rig({
-        "model": str(tmp_path / "wheel.xml"), "commands": {"u": "spin"}, "effects": FOUND,
+        "model": str(tmp_path / "wheel.xml"), "commands": {"u": "spin"}, "effects": FOUND, "laws": LAWS,
         "sensors": {"angle": {"of": "axle", "quantity": "position", "absolute": True}},
         "tolerances": {"bodies.wheel.mass": 0.1},
     }).with_parameters({"bodies.wheel.mass": 6.0})  # fmt: skip
@@ -45,7 +60,7 @@ def test_the_mended_model_and_its_laws_move_as_the_diagnosis_simulates(tmp_path)
     ours = p.run(rig, gains).X[:, 0]
 
     files = found_model(rig)
-    assert "not in it, as it is no force: offset of angle" in files["laws.py"]
+    assert "not in it, as it is no force or stands in C: offset of angle" in files["laws.py"]
     laws: dict = {}
     exec(files["laws.py"], laws)  # the script that users are given
     m = mujoco.MjModel.from_xml_string(files["wheel.xml"])
