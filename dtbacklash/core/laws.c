@@ -55,6 +55,26 @@ void dtb_table_weights(int64_t N, const double *states, const double *knots, dou
     }
 }
 
+/* F (N,) : force of a hidden mass on a damped spring, N, along the acceleration (N,) of the body that carries it.
+ *
+ * frequency : its own, rad/s. step : between samples, s. By Tustin's rule: Franklin, Powell, Workman, Digital Control
+ * of Dynamic Systems (1998), section 6.1. */
+void dtb_absorber(int64_t N, double mass, double frequency, double damping_ratio, double step,
+                  const double *acceleration, double *F)
+{
+    double c = 2.0 / step, w = frequency, twice = 2.0 * damping_ratio * w, a0 = c * c + c * twice + w * w;
+    double a1 = 2.0 * (w * w - c * c) / a0, a2 = (c * c - c * twice + w * w) / a0;
+    double b0 = (c * twice + w * w) / a0, b1 = 2.0 * w * w / a0, b2 = (w * w - c * twice) / a0;
+    double first = 0.0, second = 0.0;
+
+    for (int64_t k = 0; k < N; k++) {
+        double x = acceleration[k], y = b0 * x + first;
+        first = b1 * x - a1 * y + second;
+        second = b2 * x - a2 * y;
+        F[k] = -mass * y;
+    }
+}
+
 /* ---- efforts on a body, N or N m ---- */
 
 /* What friction that differs between directions has beside its mean. */

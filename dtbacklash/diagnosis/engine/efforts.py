@@ -159,12 +159,11 @@ def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n
 
 def _absorber(mass: float, frequency_hz: float, damping_ratio: float, place: str, motion: Motion) -> Floats:
     """(N,) force of a hidden mass on a spring, from the acceleration of the body that carries it."""
-    from scipy.signal import cont2discrete, lfilter
-
-    w = 2.0 * np.pi * frequency_hz
-    tall = [2.0 * damping_ratio * w, w * w], [1.0, 2.0 * damping_ratio * w, w * w]
-    b, a, _ = cont2discrete((np.array(tall[0]), np.array(tall[1])), motion.step_s, "bilinear")
-    return np.asarray(-mass * lfilter(np.ravel(b), a, motion.acceleration[place]))
+    F, moved = np.empty(len(motion.command)), motion.acceleration[place]
+    lib.dtb_absorber(
+        len(F), mass, 2.0 * np.pi * frequency_hz, damping_ratio, motion.step_s, copied(moved, len(F)), buffer(F)
+    )
+    return F
 
 
 def _table(h: Hypothesis, motion: Motion) -> Floats:

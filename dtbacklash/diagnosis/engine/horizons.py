@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.optimize import lsq_linear
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt
@@ -165,6 +164,8 @@ def _within(K: Floats, rows: Floats, ends: Sequence[tuple[float, float]]) -> Flo
     step = np.asarray(-np.linalg.lstsq(K, rows, rcond=1e-8)[0], dtype=float)
     low, high = np.array(ends).T
     if (step < low).any() or (step > high).any():
+        from scipy.optimize import lsq_linear
+
         small = np.asarray(np.linalg.qr(np.column_stack([K, -rows]), mode="reduced")[1], dtype=float)
         step = np.asarray(lsq_linear(small[:, :-1], small[:, -1], (low, high), method="bvls").x, dtype=float)
     return step

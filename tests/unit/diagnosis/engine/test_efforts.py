@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from nominal import nominal_rig
+from scipy.signal import cont2discrete, lfilter
 
 from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.efforts import Entry, efforts
@@ -12,6 +13,7 @@ from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments
+from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
@@ -118,3 +120,16 @@ def test_what_is_no_effort_over_states_is_left_to_the_simulation():
             assert known is not None, h.key
         elif h.as_it_is or h.effect.is_delay:
             assert known is None, h.key
+
+
+def test_an_absorber_is_a_filter_by_tustins_rule():
+    """The force of a hidden mass: as SciPy discretises and filters its transfer function."""
+    columns, _, _, _ = along("two_mass_stage", 1)
+    motion, w, ratio = columns.motion, 2.0 * np.pi * 17.0, 0.02
+    absorber = find(columns.rig.kind_at("table"), "absorber", "table")
+    h = Hypothesis("table", absorber, {"mass": 0.3, "frequency": 17.0, "damping_ratio": ratio}, False)
+    force, entry = efforts(h, columns.rig, motion)
+    b, a, _ = cont2discrete(([2.0 * ratio * w, w * w], [1.0, 2.0 * ratio * w, w * w]), motion.step_s, "bilinear")
+    expected = -lfilter(np.ravel(b), a, motion.acceleration["table"])
+    assert force[0] == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert entry == Entry({"table": 1.0})
