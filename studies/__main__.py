@@ -27,6 +27,7 @@ from studies import (
     benchmark,
     campaign,
     close_the_loop,
+    commands,
     controllers,
     crossing,
     diagnosis,
@@ -177,6 +178,9 @@ def _nimc_forms(options: argparse.Namespace) -> Result:
 
 STUDIES = {
     "loop": Study("200 s of the paper's scenario: our loop beside hand-written ones", _rows(speed.loop_rows)),
+    "commands": Study(
+        "What whole commands cost, from Enter to the page, in processor time", _rows(commands.command_rows), asked=True
+    ),
     "linearity": Study("Time over simulated time", _rows(speed.linearity_rows)),
     "diagnosis": Study(
         "Diagnosing a recording of one effect, two threads; ratio: time per recorded second over that of 15 s",
