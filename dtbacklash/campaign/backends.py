@@ -13,7 +13,7 @@ from dtbacklash.config.commands import BACKENDS
 from dtbacklash.errors import UserError
 
 #: one thread a worker: the workers themselves fill the cores
-THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)

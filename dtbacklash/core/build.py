@@ -130,7 +130,7 @@ def _make(library: Library) -> None:
     chosen = compiler()
     if not chosen:
         raise SystemExit("dtbacklash: needs a C compiler: install cc (gcc, clang), or `pip install ziglang`; or set CC")
-    made, declared = (file.with_name(f"{file.name}.new") for file in (library.file, library.declared))
+    made, declared = (file.with_name(f"{file.name}.{os.getpid()}") for file in (library.file, library.declared))
     words = [*chosen, *flags(chosen), str(library.folder / f"{library.name}.c"), "-o", str(made), "-lm"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:

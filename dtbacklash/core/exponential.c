@@ -62,7 +62,9 @@ static void discretise_mode(int64_t n, int64_t c, int64_t levels, const double *
                             double norm, double *E, double *P1, double *P2, double *work)
 {
     double *e = work, *f1 = e + n * n, *f2 = f1 + n * n, *power = f2 + n * n, *next = power + n * n;
-    int64_t shortest = (int64_t)dmax(0.0, ceil(log2(dmax(norm * step_s, 1e-300) / 0.5)));
+    double halvings = ceil(log2(dmax(norm * step_s, 1e-300) / 0.5));
+    /* of a norm that is not finite the series is neither: any number of halvings will do */
+    int64_t shortest = isfinite(halvings) && halvings > 0.0 ? (int64_t)halvings : 0;
 
     for (int64_t level = shortest > levels - 1 ? shortest : levels - 1; level >= 0; level--) {
         if (level >= shortest)

@@ -78,7 +78,7 @@ static inline double moved(const Model *M, int64_t joint, const double *motion)
 }
 
 /* What the sensors show of the state, into y (sensors,). */
-static void show(const Model *M, double *y)
+static void show_sensors(const Model *M, double *y)
 {
     if (M->forward)
         M->forward(M->model, M->data);
@@ -99,7 +99,7 @@ static void show(const Model *M, double *y)
 }
 
 /* Set the state to z. */
-static void put(const Model *M, const double *z)
+static void put_state(const Model *M, const double *z)
 {
     int64_t n = M->joints;
     const double *gap = z + 2 * n + M->others;
@@ -133,7 +133,7 @@ static void take(const Model *M, double *z)
 }
 
 /* Set or take the state z. */
-void dtb_model_put(const Model *M, const double *z) { put(M, z); }
+void dtb_model_put(const Model *M, const double *z) { put_state(M, z); }
 void dtb_model_take(const Model *M, double *z) { take(M, z); }
 
 /* Where a reading leads from a state z under forces (joints,) and commands that stay, into out; or what the sensors show
@@ -141,12 +141,12 @@ void dtb_model_take(const Model *M, double *z) { take(M, z); }
 void dtb_model_led(const Model *M, const double *z, const double *force, const double *command, int64_t far, double *out)
 {
     M->back(M->model, M->data);
-    put(M, z);
+    put_state(M, z);
     for (int64_t j = 0; j < M->joints; j++)
         M->push[M->at[j]] = force[j];
     copy(command, M->ctrl, M->commands);
     if (!far) {
-        show(M, out);
+        show_sensors(M, out);
         return;
     }
     for (int64_t k = 0; k < M->whole; k++)
@@ -184,7 +184,7 @@ void dtb_model_observe(const Model *M, int64_t N, int64_t width, const double *Y
     for (int64_t k = 0; k < N; k++) {
         double *d = D + k * m;
         const double *read = Y + k * m;
-        show(M, d);
+        show_sensors(M, d);
         take(M, X + k * width);
         for (int64_t i = 0; i < m; i++)
             d[i] = isfinite(read[i]) ? read[i] - d[i] : 0.0;
@@ -202,7 +202,7 @@ void dtb_model_observe(const Model *M, int64_t N, int64_t width, const double *Y
 void dtb_model_onwards(const Model *M, int64_t N, int64_t width, const double *Z, double *X)
 {
     for (int64_t k = 0; k < N - 1; k++) {
-        put(M, Z + k * width);
+        put_state(M, Z + k * width);
         lead_on(M, k);
         take(M, X + k * width);
     }
@@ -212,10 +212,10 @@ void dtb_model_onwards(const Model *M, int64_t N, int64_t width, const double *Z
 void dtb_model_shown(const Model *M, int64_t N, int64_t width, const double *Z, double *Y)
 {
     for (int64_t k = 0; k < N; k++) {
-        put(M, Z + k * width);
+        put_state(M, Z + k * width);
         M->clock[0] = (double)(k * M->whole) * M->h;
         if (k)
             copy(M->U + (least_of(k * M->whole, M->fine) - 1) * M->commands, M->ctrl, M->commands);
-        show(M, Y + k * M->sensors);
+        show_sensors(M, Y + k * M->sensors);
     }
 }

@@ -26,6 +26,10 @@ class Model:
     any_step: bool = True
 
 
+#: the file of an FMU that is compiled: no file of the core has its name, whatever the model's name is
+SOURCE = "slave.c"
+
+
 def described(model: Model, version: int) -> bytes:
     """The model's description. version : of FMI, 2 or 3."""
     two = version == 2
@@ -39,7 +43,7 @@ def described(model: Model, version: int) -> bytes:
     run = xml.SubElement(root, "CoSimulation", can, modelIdentifier=model.name)
     run.set("canHandleVariableCommunicationStepSize", "true" if model.any_step else "false")
     if two:
-        xml.SubElement(xml.SubElement(run, "SourceFiles"), "File", name=f"{model.name}.c")
+        xml.SubElement(xml.SubElement(run, "SourceFiles"), "File", name=SOURCE)
     else:
         run.set("fixedInternalStepSize", repr(model.sample_time_s))
     _units(root, model.variables)
@@ -54,7 +58,7 @@ def build_description(name: str) -> bytes:
     """How FMI 3.0 wants to know which file is compiled."""
     build = xml.Element("fmiBuildDescription", fmiVersion="3.0")
     built = xml.SubElement(build, "BuildConfiguration", modelIdentifier=name)
-    xml.SubElement(xml.SubElement(built, "SourceFileSet", language="C99"), "SourceFile", name=f"{name}.c")
+    xml.SubElement(xml.SubElement(built, "SourceFileSet", language="C99"), "SourceFile", name=SOURCE)
     return _text(build)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from dtbacklash.core import build
 from dtbacklash.errors import UserError
 from dtbacklash.files import written
-from dtbacklash.fmu.description import Model, build_description, described
+from dtbacklash.fmu.description import SOURCE, Model, build_description, described
 
 #: version of FMI -> folder of the library in the FMU, by operating system and processor
 PLATFORMS = {
@@ -58,11 +58,11 @@ def write_fmu(
         raise UserError("out", shown or str(path), "an FMU needs a C compiler: cc, or `pip install ziglang`; or set CC")
     folder = PLATFORMS[version][system].format(PROCESSORS.get(processor, processor))
     with tempfile.TemporaryDirectory() as scratch:
-        sources = {f"{model.name}.c": source, **beside}
+        sources = {SOURCE: source, **beside}
         for name, text in sources.items():
             Path(scratch, name).write_text(text, encoding="utf-8")
         library = Path(scratch, model.name + LIBRARY[system])
-        words = [*chosen, *build.flags(chosen), "-fvisibility=hidden", f"{model.name}.c", "-o", library.name, "-lm"]
+        words = [*chosen, *build.flags(chosen), "-fvisibility=hidden", SOURCE, "-o", library.name, "-lm"]
         done = subprocess.run(words, cwd=scratch, capture_output=True, text=True, check=False)
         if done.returncode:
             raise UserError("out", shown or str(path), f"{chosen[0]} cannot compile it: {_line(done.stderr)}")

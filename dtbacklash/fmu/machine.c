@@ -9,6 +9,10 @@ enum { COMMAND_V, GAP_DEG, HAS_GAP = INPUTS > 1, TIME = INPUTS + OUTPUTS + PARAM
 /* Let the structs point to the slave's own arrays. */
 static void bind(Slave *s)
 {
+    Plant before = s->P;
+
+    s->P = RIG; /* pointers of another process do not stay; the delay is a parameter's */
+    s->P.delay_whole = before.delay_whole, s->P.delay_ticks = before.delay_ticks, s->P.delay_part = before.delay_part;
     memcpy(s->law, LAWS, sizeof LAWS);
     for (int k = 0; k < ENTRIES; k++)
         s->law[k].p = s->law_p + k * ROW;
@@ -105,7 +109,6 @@ static int make(Slave *s)
     for (int k = FIRST_PARAMETER; k < TIME; k++)
         if (check(s, k) != OK)
             return WRONG;
-    s->P = RIG;
     if ((frozen = assemble(s, s->value + FIRST_PARAMETER, &delay)))
         return tell(&s->journal, "the parameters make another machine (%s): export the rig with them", frozen);
     if (!all_finite(s->A, 2 * RIG_N * RIG_N) || !all_finite(s->G, 2 * RIG_CHANNELS * RIG_N) ||

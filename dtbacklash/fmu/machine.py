@@ -57,7 +57,7 @@ def write_machine(
 
     Raises
     ------
-    UserError : a law that is a function of Python; see also :func:`.library.write_fmu`.
+    UserError : a law that is a function in C; see also :func:`.library.write_fmu`.
     """
     slave = numbers_of(rig, sample_time_s, substeps, event_levels) + "\n" + own("machine.c")
     about = f"{rig.config.description or rig.config.name}. Communication steps: multiples of {sample_time_s:g} s."
@@ -79,7 +79,7 @@ def numbers_of(rig: Rig, sample_time_s: float, substeps: int, event_levels: int)
 
     Raises
     ------
-    UserError : a law that is a function of Python.
+    UserError : a law that is a function in C.
     """
     offered = variables(rig)
     decisions: dict[str, bool] = {}
@@ -158,9 +158,7 @@ def _laws(rig: Rig, P: Plant) -> Iterator[str]:
                 formulas[k] = f"&FORMULA_{entry}_{k}"
                 yield from _formula(f"{entry}_{k}", called)
             else:
-                raise UserError(
-                    "rig", rig.config.name, "has a law that is a function of Python; a formula can be exported"
-                )
+                raise UserError("rig", rig.config.name, "has a law that is a function in C; a formula can be exported")
         call, formula = ", ".join(functions), ", ".join(formulas)
         rows.append(f"    {{{{{call}}}, {{{formula}}}, NULL, {int(P.law[entry, 1])}}}")
     yield "static const Law LAWS[] = {\n" + (",\n".join(rows) or "    {{NULL, NULL}, {NULL, NULL}, NULL, 0}") + "};"

@@ -233,6 +233,6 @@ def test_several_rigs_end_in_one_table(dtb, monkeypatch, tmp_path):
     for j, figure in enumerate(document["figures"]):
         assert figure["of"] == sum(figures[j]["of"] for figures in document["rigs"].values())
     table = (tmp_path / "proof" / "table.md").read_text()
-    assert "| rig | figure |" in table
+    assert "| count of each rig, **bold** below its bar | oscillator | pendulum |" in table
     assert "| oscillator |" in table
     assert Score.from_json(document).to_json() == Score.from_json(json.loads(json.dumps(document))).to_json()
