@@ -316,7 +316,11 @@ class StepwiseSelection:
             rungs = (0.1, 0.1, 1.0) if quick.most_unknown(sizes) > 3e-3 else (1.0,)
             return FitProblem(quick, rig, keys, self.motion, model.stiff, model.smooth).homotopy_fit(sizes, None, rungs)
 
-        some = [m for m in attempts(climbed, near_best + simple) if not m.at_end]
+        first = near_best + simple
+        some: list[FittedModel] = []
+        # where the likeliest end at a bound, which the data have not chosen, others are tried
+        for few_at_once in (first, [s for s in second if s not in first]):
+            some = some or [m for m in attempts(climbed, few_at_once) if not m.at_end]
         some.sort(key=lambda m: m.score)
         full: list[FittedModel] = []
         for m in some:
