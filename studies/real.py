@@ -241,7 +241,7 @@ def block(docs: Path) -> str:
 
 def _named(found: dict[str, Any]) -> str:
     def partly(finding: dict[str, Any]) -> str:
-        return " (partial)" if finding.get("confidence") == "partial" else ""
+        return f" ({finding['confidence']})" if finding.get("confidence") in ("partial", "one_of") else ""
 
     return ", ".join(f"{f['effect']} at `{f['location']}`{partly(f)}" for f in found["findings"]) or "nothing"
 

@@ -264,7 +264,9 @@ def together(diagnosis: Diagnosis) -> str:
     """How much all causes explain, and whether what is left is what the user called enough."""
     much = diagnosis.explained
     total = sum(much.causes.values()) if much else 0.0
-    said = [f"Together this explains {_percent(total)} of the mismatch."] if total > 0.0 else []
+    # of predictions that an unknown force brings back to the readings much is explained, and much of what acts is not
+    how = f", {judged_how(diagnosis)}" if diagnosis.verdict == "unexplained" else ""
+    said = [f"Together this explains {_percent(total)} of the mismatch{how}."] if total > 0.0 else []
     if much is not None and much.enough is not None:
         said.append(
             "What is left is " + ("what was called enough." if much.enough else "more than what was called enough.")

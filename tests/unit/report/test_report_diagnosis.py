@@ -25,7 +25,7 @@ from dtbacklash.report.diagnosis import page as diagnosis_page
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 from dtbacklash.report.diagnosis.text import lines
-from dtbacklash.report.diagnosis.words import capital, causes, heading, left, next_command, percents
+from dtbacklash.report.diagnosis.words import capital, causes, heading, left, next_command, percents, together
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))
@@ -393,6 +393,13 @@ def test_the_terminal_says_the_same_in_letters_that_it_has():
         assert phrase in text
     assert text.isascii()
     assert len(text.splitlines()) < 40
+
+
+def test_where_much_stays_unknown_it_is_said_of_what_much_is_explained():
+    """A force that is unknown brings predictions back to the readings, whatever the rig lacks."""
+    made = replace(diagnosed.missing(), verdict="unexplained")
+    assert re.search(r"Together this explains 85 % of the mismatch, (predicted|simulated) .*\.", together(made))
+    assert together(diagnosed.missing()) == "Together this explains 85 % of the mismatch."
 
 
 def test_what_has_to_be_known_first_stands_above_the_verdict(page_of):
