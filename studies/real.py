@@ -32,6 +32,8 @@ END = "<!-- diagnoses: end -->"
 MODELS = ("nominal", "recalibrated", "extended")
 #: errors beyond so many times the signal are not given in percent
 MANY_TIMES = 10.0
+#: and beyond so many times a rig has run away
+RAN_AWAY = 1e6
 #: rigs that are drawn for the interval of a prediction
 DRAWS = 60
 #: of a prediction the first samples do not count, as the benchmarks' loader has it
@@ -255,7 +257,7 @@ def _left(found: dict[str, Any]) -> str:
 
 
 def _share(error: float | None) -> str:
-    if error is None:
+    if error is None or error > RAN_AWAY:
         return "ran away"
     return f"{number(error)} times" if error > MANY_TIMES else f"{number(100.0 * error)} %"
 
@@ -275,7 +277,7 @@ def _free(found: dict[str, Any]) -> list[str]:
     if len(found["sizes"]) > 1:
         return [_share(error) for error in errors]
     size, unit = next(iter(found["sizes"].values()))
-    return ["ran away" if error is None else interval(float(f"{error * size:.3g}"), None, unit) for error in errors]
+    return ["ran away" if error is None or error > RAN_AWAY else interval(float(f"{error * size:.3g}"), None, unit) for error in errors]
 
 
 def _predicted(case: Case, found: dict[str, Any]) -> Iterator[tuple[str, str, str, str]]:
