@@ -277,7 +277,10 @@ def _free(found: dict[str, Any]) -> list[str]:
     if len(found["sizes"]) > 1:
         return [_share(error) for error in errors]
     size, unit = next(iter(found["sizes"].values()))
-    return ["ran away" if error is None or error > RAN_AWAY else interval(float(f"{error * size:.3g}"), None, unit) for error in errors]
+    return [
+        "ran away" if error is None or error > RAN_AWAY else interval(float(f"{error * size:.3g}"), None, unit)
+        for error in errors
+    ]
 
 
 def _predicted(case: Case, found: dict[str, Any]) -> Iterator[tuple[str, str, str, str]]:

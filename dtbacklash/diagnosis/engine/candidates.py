@@ -22,6 +22,7 @@ from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
 from dtbacklash.diagnosis.parallel import spread
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.table import STATES, bends
 from dtbacklash.physics.rig import Rig
 
@@ -29,7 +30,7 @@ from dtbacklash.physics.rig import Rig
 OWN = 1e-6
 #: weights of a table's bends that are tried, relative to its columns
 SMOOTHING = 10.0 ** np.arange(-6, 3)
-#: a law is looked at with no more of it once so many columns in a row explain less than one with less of it
+#: a signal is looked at no later once so many columns in a row explain less than one that is less late
 FALLS = 2
 #: stretches over which the scatter of what is left is looked at
 STRETCHES = 12
@@ -64,7 +65,7 @@ class CandidateSensitivities:
 
     ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
     bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is. every :
-    hypotheses with more of a law as well, where less of it explains more.
+    those with a later signal as well, where a less late one explains more.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class CandidateSensitivities:
     def _in_order(
         self, those: Sequence[Hypothesis], gains: Sequence[Gains], coarse_e0: Floats, falls: int
     ) -> list[tuple[Hypothesis, list[Floats] | None]]:
-        """The columns of a law at more and more of it, until so many in a row explain less than one before."""
+        """The columns of a signal that is later and later, until so many in a row explain less than one before."""
         made, best, fell = [], 0.0, 0
         for h in those:
             columns = attempt(self._made, h, gains, coarse_e0)
@@ -405,12 +406,16 @@ class CandidateSensitivities:
 
 
 def _by_size(asked: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
-    """Hypotheses together that differ by how much of a law there is, least first; each other for itself."""
+    """Hypotheses together that differ by how late a signal is, least first; each other for itself.
+
+    A small play or friction may explain nothing where a large one is there.
+    """
     series: dict[object, list[Hypothesis]] = {}
     for h in asked:
         size = h.effect.size
         others = tuple(value for name, value in h.values.items() if name != size.name)
-        series.setdefault((h.key, others) if h.as_it_is else h, []).append(h)
+        late = h.as_it_is and isinstance(h.effect.slot, (slots.Late, slots.Filter))
+        series.setdefault((h.key, others) if late else h, []).append(h)
     return [
         sorted(those, key=lambda h: h.values[h.effect.size.name], reverse=those[0].effect.size.neutral != 0.0)
         for those in series.values()
