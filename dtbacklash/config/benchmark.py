@@ -36,7 +36,7 @@ class ScoreConfig:
 
     key: str | None = setting(None, "file of the key; needed for cases whose answers are sealed", path=INPUT)
     out: str | None = setting(None, "folder of the score (default: ANSWERS_score, beside the answers)", path=OUTPUT)
-    split: str = setting("all", "which cases count", choices=SPLITS)
+    split: str = setting("scored", "which cases count; the answers of the others are open", choices=SPLITS)
     tool: str | None = setting(None, "name of the tool (default: that of the folder of its answers)")
 
     def __post_init__(self) -> None:
