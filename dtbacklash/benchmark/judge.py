@@ -31,6 +31,13 @@ def judge(folder: Path, bench: Path, key_file: Path | None, split: str, tool: st
         samples = {channel: len(values) for channel, values in truth.test.items()}
         predicted, problem = answers.prediction(folder, name, samples) if samples else (None, "")
         given.problems += [f"{problem}; the prediction is left out"] if problem else []
+        given.problems += [
+            f"case {name}: {row.unit[:answers.SHOWN]!r} is no unit for {row.place} {row.effect} ({hidden.unit or 1}); "
+            "its size counts as wrong"
+            for row in given.rows.get(name, ()) for hidden in truth.hidden
+            if (row.place, row.effect, row.size is None) == (hidden.place, hidden.effect, False)
+            and hidden.size is not None and row.size_in(hidden.unit)[0] is None
+        ]  # fmt: skip
         truths.append(truth)
         ratios[name] = error_ratio(truth, predicted)
     return score(tool, truths, given, ratios)

@@ -90,6 +90,13 @@ def test_a_size_that_is_off_and_an_interval_that_misses(scored):
     assert counts(score, "size", "coverage") == [(0, 1), (0, 1)]
 
 
+def test_a_size_in_a_unit_of_another_kind_is_told(scored):
+    score = scored("1,table,viscous_friction,20,parsec,,,1\n1,spring,delay,1,parsec,,,1\n")
+    assert counts(score, "named", "size") == [(1, 2), (0, 1)]
+    (problem,) = score.problems
+    assert "case 001: 'parsec' is no unit for table viscous_friction (N s/m)" in problem
+
+
 def test_a_prediction_that_runs_away_is_a_large_number(bench):
     truth = judge.files.truth_of(bench / "cases" / "001", None)
     assert error_ratio(truth, {"x": np.array([0.0, np.nan, 1e300, -np.inf])}) == pytest.approx(1e6 * np.sqrt(0.75))
