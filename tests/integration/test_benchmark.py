@@ -4,8 +4,10 @@ import base64
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pandas as pd
@@ -20,6 +22,7 @@ from dtbacklash.benchmark.machines import EQUATIONS, mjcf
 from dtbacklash.benchmark.make import write_case
 from dtbacklash.physics.simulate import simulate
 
+MAIN = "import sys; from dtbacklash import cli; sys.exit(cli.main(sys.argv[1:]))"
 KEY = base64.urlsafe_b64encode(bytes(32))
 #: of a machine: everything that reads a benchmark without this package may import
 ALONE = """
@@ -156,6 +159,21 @@ def test_a_recording_that_was_changed_is_refused(bench, tmp_path, capsys):
     key = bench.with_name("bench.key")
     assert cli.main(["benchmark", "score", str(tmp_path), str(other), f"key={key}", "out=score"]) == 2
     assert "is not the one that was sealed" in capsys.readouterr().err
+
+
+@pytest.mark.check
+def test_ctrl_c_ends_it_also_with_one_job(tmp_path):
+    words = [sys.executable, "-c", MAIN, "benchmark", "make", "out=bench", "per_machine=2", "jobs=1"]
+    made = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    begin = time.monotonic()
+    while made.poll() is None and not list(tmp_path.glob("bench/cases/[0-9]*")) and time.monotonic() < begin + 60.0:
+        time.sleep(0.1)
+    time.sleep(2.0)  # within the simulations of the next case
+    os.killpg(made.pid, signal.SIGINT)
+    said = made.communicate(timeout=120)[1]
+    assert made.returncode == 130
+    assert "of 10 cases are done and stay; the same command does the rest" in said
+    assert "Exception ignored" not in said
 
 
 @pytest.mark.parametrize(("words", "said"), [
