@@ -7,10 +7,13 @@ from types import SimpleNamespace
 import pytest
 
 from dtbacklash.benchmark import make, plan
+from dtbacklash.benchmark.files import nominal
 from dtbacklash.benchmark.judge import judge
 from dtbacklash.benchmark.score import Score
 from dtbacklash.campaign.backends import Workers
+from dtbacklash.diagnosis.findings import ParameterEstimate
 from studies import benchmark
+from studies.baselines import diagnose
 from studies.baselines.case import load, write
 
 #: what an adapter needs besides
@@ -53,6 +56,20 @@ def test_the_diagnosis_answers(cases, tmp_path):
     score = judge(tmp_path / "diagnose", folder, folder.with_name("key"), "all", "diagnose")
     assert score.problems == []
     assert score.cases == score.figure("prediction").of == 1
+
+
+def test_what_changed_has_its_size_after_the_change():
+    after = ParameterEstimate(0.3, "N m", (0.2, 0.4))
+    changed = [
+        SimpleNamespace(title=title, confidence=confidence, after=after)
+        for title, confidence in (("disk.gravity.torque", "sure"), ("J", "one_of"))
+    ]
+    case = SimpleNamespace(rig=nominal("pendulum"))
+    size = {"size": 0.3, "unit": "N m", "low": 0.2, "high": 0.4}
+    assert diagnose._changes(SimpleNamespace(changes=changed), case) == [
+        {"place": "disk", "effect": "gravity", "certainty": diagnose.CERTAINTY["sure"], **size},
+        {"place": "J", "effect": "wrong_parameter", "certainty": diagnose.CERTAINTY["one_of"], **size},
+    ]
 
 
 @pytest.mark.parametrize(("more", "kept"), [((), True), (("--first", "1"), False), (("--split", "all"), False)])
