@@ -1,6 +1,7 @@
 """Run the baselines on a benchmark: ``python -m studies benchmark --bench bench [--tools ...] [--split development]``.
 
-The answers go to ``studies/baselines/answers/TOOL``; predictions, which are large, to ``--out``.
+The answers and predictions go to ``--out``; answers to the whole development split are kept in
+``studies/baselines/answers/TOOL``.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ TOOLS = {
 }
 #: what needs minutes a case runs only where it is named
 CHEAP = tuple(name for name in TOOLS if name != "diagnose")
+SPLITS = "development", "scored", "all"
 ANSWERS = Path(__file__).with_name("baselines") / "answers"
 BEGIN, END = "<!-- baselines: begin, made by python -m studies benchmark -->", "<!-- baselines: end -->"
 SHOWN = "named", "place", "nothing", "false_names", "no_false_name", "size", "coverage", "prediction"
@@ -60,7 +62,7 @@ def main(words: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m studies benchmark", description=__doc__)
     parser.add_argument("--bench", type=Path, default=Path("bench"), help="folder of dtb benchmark make")
     parser.add_argument("--key", type=Path, help="the key of its answers (default: none, for the development split)")
-    parser.add_argument("--split", default="development", help="which cases (development, scored, all)")
+    parser.add_argument("--split", default="development", choices=SPLITS, help="default: development")
     parser.add_argument("--tools", nargs="*", default=CHEAP, choices=list(TOOLS), help=f"default: {', '.join(CHEAP)}")
     parser.add_argument("--first", type=int, help="only so many cases")
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmark"), help="folder of the predictions")
@@ -72,14 +74,20 @@ def main(words: Sequence[str]) -> None:
     for tool in options.tools:
         folder = options.out / tool
         write(folder, run(tool, cases))
-        scores[tool] = judge(folder, options.bench, options.key, "all", tool)
-        for name in ("answers.csv", "cases.txt"):
-            (ANSWERS / tool).mkdir(parents=True, exist_ok=True)
-            shutil.copy(folder / name, ANSWERS / tool / name)
+        scores[tool] = judge(folder, options.bench, options.key, options.split, tool)
+        if options.split == "development" and options.first is None:
+            keep(folder, tool)
     print(text(scores))
     if options.docs:
         page = options.docs / "benchmark.md"
         write_text(page, between(page.read_text(encoding="utf-8"), BEGIN, END, text(scores)))
+
+
+def keep(folder: Path, tool: str) -> None:
+    """Keep the answers of a tool in the repository; its predictions are too large."""
+    for name in ("answers.csv", "cases.txt"):
+        (ANSWERS / tool).mkdir(parents=True, exist_ok=True)
+        shutil.copy(folder / name, ANSWERS / tool / name)
 
 
 def text(scores: dict[str, Score]) -> str:

@@ -6,8 +6,8 @@ Standard library, numpy and pandas, besides the table of units.
 from __future__ import annotations
 
 import csv
-import io
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +25,13 @@ FILE, CASES = "answers.csv", "cases.txt"
 COLUMNS = ("case", "place", "effect", "size", "unit", "low", "high", "certainty")
 #: columns that may be missing, or empty
 OPTIONAL = COLUMNS[3:]
+#: characters of a cell that a message shows
+SHOWN = 40
+#: what people write for the signs of a unit
+SPELLINGS = (
+    (r"[*·()]", " "), ("²", "^2"), ("³", "^3"), (r"(?<=[A-Za-z])(?=[2-9])", "^"), (r"\bN(m?)s\b", r"N \1 s"),
+    (r" *(/| ) *", r"\1"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,14 +49,39 @@ class Row:
 
     def size_in(self, unit: str) -> tuple[float | None, float | None, float | None]:
         """Size, low and high in a unit; None where they are not given, or of another kind."""
-        factor = 1.0
-        if self.unit and self.unit != unit:
-            own, wanted = units.find(self.unit), units.find(unit)
-            if own is None or wanted is None or own.si != wanted.si:
-                return None, None, None
-            factor = own.factor / wanted.factor
+        factor = factor_between(self.unit, unit) if self.unit else 1.0
+        if factor is None:
+            return None, None, None
         size, low, high = (None if value is None else factor * value for value in (self.size, self.low, self.high))
         return size, low, high
+
+
+def factor_between(written: str, unit: str) -> float | None:
+    """The factor from a value in a unit as people write it to the value in another; None where their kinds differ.
+
+    An angle is a number: ``N m s`` is ``N m s/rad``. A frequency in Hz is 2 pi of it in rad/s.
+    """
+    unit = unit or "1"
+    for text in dict.fromkeys((written, _spelled(written))):
+        if text == unit:
+            return 1.0
+        for own in filter(None, (units.composed(text), units.find(text))):
+            wanted = units.composed(unit) or units.find(unit)
+            dimension = units.dimension_of(own.si)
+            if wanted is None or dimension is None or dimension != units.dimension_of(wanted.si):
+                continue
+            turns = [one.si == "rad/s" for one in (own, wanted)]
+            if turns[0] == turns[1]:
+                return own.factor / wanted.factor
+            if "Hz" in (own.si, wanted.si):
+                return own.factor / wanted.factor * (2.0 * math.pi) ** (turns[1] - turns[0])
+    return None
+
+
+def _spelled(unit: str) -> str:
+    for sign, right in SPELLINGS:
+        unit = re.sub(sign, right, unit)
+    return " ".join(unit.split())
 
 
 @dataclass
@@ -72,27 +104,25 @@ def read(folder: Path, cases: Mapping[str, str], places: Mapping[str, Mapping[st
     if (folder / CASES).is_file():
         words = _text(folder / CASES).split()
         found.cases = sorted({w.zfill(3) for w in words} & set(cases))
-        found.problems += [f"{CASES}: no case {w!r}" for w in words if w.zfill(3) not in cases]
-    text = _text(folder / FILE)
-    head = text.partition("\n")[0]
-    delimiter = max(";\t,", key=head.count)
-    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
-    try:
-        names = [vocabulary.plain(name) for name in next(rows, [])]
-        if missing := [name for name in COLUMNS if name not in names and name not in OPTIONAL]:
-            raise UserError("answers", folder / FILE, f"lacks the column {missing[0]}; it has {', '.join(COLUMNS)}")
-        for cells in rows:
-            if any(cell.strip() for cell in cells):
-                _add(
-                    found,
-                    dict(zip(names, cells, strict=False)),
-                    f"{FILE}, line {rows.line_num}",
-                    cases,
-                    places,
-                    delimiter,
-                )
-    except csv.Error as error:
-        found.problems.append(f"{FILE}, line {rows.line_num}: {error}; it is read up to here")
+        found.problems += [f"{CASES}: no case {w[:SHOWN]!r}" for w in words if w.zfill(3) not in cases]
+    first, *lines = re.split(r"\r\n|\r|\n", _text(folder / FILE))
+    delimiter = max(";\t,", key=first.count)
+    names = [vocabulary.plain(name) for name in next(csv.reader([first], delimiter=delimiter), [])]
+    if missing := [name for name in COLUMNS if name not in names and name not in OPTIONAL]:
+        raise UserError("answers", folder / FILE, f"lacks the column {missing[0]}; it has {', '.join(COLUMNS)}")
+    if double := [name for name in COLUMNS if names.count(name) > 1]:
+        raise UserError("answers", folder / FILE, f"has two columns {double[0]}")
+    for number, line in enumerate(lines, 2):
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True), [])]
+            if any(cells[len(names) :]):
+                raise ValueError("more cells than columns; a decimal comma takes semicolons between columns")
+            if any(cells):
+                row = dict(zip(names, cells, strict=False))  # a row may be short, or end in empty cells
+                _add(found, _row(row, cases, places, delimiter == ";"))
+        except (ValueError, csv.Error) as error:
+            problem = " ".join(str(error).split())
+            found.problems.append(f"{FILE}, line {number}: {problem}; the row is left out")
     return found
 
 
@@ -103,27 +133,20 @@ def _text(path: Path) -> str:
         raise UserError("answers", path, f"cannot be read: {reason(error)}") from error
 
 
-def _add(
-    found: Answers, cells: dict[str, str], where: str, cases: Mapping[str, str],
-    places: Mapping[str, Mapping[str, str]], delimiter: str,
-) -> None:  # fmt: skip
-    try:
-        row = _row({name: text.strip() for name, text in cells.items()}, cases, places, delimiter == ";")
-        if row.case not in found.cases:
-            raise ValueError(f"case {row.case} is not in {CASES}")
-        there = found.rows.setdefault(row.case, [])
-        if (row.place, row.effect) in [(one.place, one.effect) for one in there]:
-            raise ValueError(f"{row.place} {row.effect} stands there twice")
-        there.append(row)
-    except ValueError as error:
-        found.problems.append(f"{where}: {' '.join(str(error).split())}; the row is left out")
+def _add(found: Answers, row: Row) -> None:
+    if row.case not in found.cases:
+        raise ValueError(f"case {row.case} is not in {CASES}")
+    there = found.rows.setdefault(row.case, [])
+    if (row.place, row.effect) in [(one.place, one.effect) for one in there]:
+        raise ValueError(f"{row.place} {row.effect} stands there twice")
+    there.append(row)
 
 
 def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, Mapping[str, str]], comma: bool) -> Row:
     """One row; raises ValueError: what is wrong with it."""
     case = cells.get("case", "").removesuffix(".0").zfill(3)
     if case not in cases:
-        raise ValueError(f"no case {cells.get('case', '')!r}")
+        raise ValueError(f"no case {cells.get('case', '')[:SHOWN]!r}")
     place = vocabulary.meant(cells.get("place", ""), places[cases[case]])
     effect = vocabulary.meant(cells.get("effect", ""), vocabulary.effects())
     size, low, high, certainty = (_number(cells, name, comma) for name in ("size", "low", "high", "certainty"))
@@ -131,6 +154,10 @@ def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, M
         raise ValueError(f"low {low:g} is above high {high:g}")
     if certainty is not None and not 0.0 <= certainty <= 1.0:
         raise ValueError(f"certainty {certainty:g} is not from 0 to 1")
+    if re.fullmatch(r"[\d.,]+", cells.get("unit", "")) and cells["unit"] != "1":
+        raise ValueError(
+            f"unit {cells['unit'][:SHOWN]!r} is a number; a decimal comma takes semicolons between columns"
+        )
     return Row(case, place, effect, size, cells.get("unit", ""), low, high, 1.0 if certainty is None else certainty)
 
 
@@ -141,9 +168,9 @@ def _number(cells: dict[str, str], name: str, comma: bool) -> float | None:
     try:
         value = float(text.replace(",", ".") if comma else text)
     except ValueError:
-        raise ValueError(f"{name} {text[:40]!r} is no number") from None
+        raise ValueError(f"{name} {text[:SHOWN]!r} is no number") from None
     if not math.isfinite(value):
-        raise ValueError(f"{name} {text[:40]!r} is not finite")
+        raise ValueError(f"{name} {text[:SHOWN]!r} is not finite")
     return value
 
 
@@ -156,7 +183,7 @@ def prediction(folder: Path, case: str, channels: Mapping[str, int]) -> tuple[di
     if not path.is_file():
         return None, ""
     try:
-        table = pd.read_csv(path)
+        table = pd.read_csv(path, index_col=False)
     except (OSError, ValueError, pd.errors.ParserError) as error:
         return None, f"{path.name}: {str(error).splitlines()[0]}"
     found = {}

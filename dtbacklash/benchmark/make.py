@@ -13,7 +13,7 @@ import pandas as pd
 
 from dtbacklash.benchmark import files, machines, real, vocabulary
 from dtbacklash.benchmark.conceal import Concealed, conceal
-from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, planned
+from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, commitment, planned
 from dtbacklash.benchmark.truth import Truth
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
@@ -24,24 +24,35 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_content
 from dtbacklash.prove import seal
 
+NAME = "dtbacklash benchmark"
+
 
 def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, per_machine: int | None = None) -> int:
     """Write a benchmark into a folder; returns the number of its cases.
 
-    key_file : opens the seals; made if it is not there. The same seed and key give the same files to the byte.
+    key_file : opens the seals; made if it is not there. The same seed and key give the same concealed cases to the
+    byte. seed : the folder names the published one only.
     per_machine : concealed cases of each machine, for a smaller one; None: all.
 
-    Raises UserError: the folder holds something else, or a key lies in it. KeyboardInterrupt: finished cases stay.
+    Raises UserError: the folder holds something else, or seals of another key, or a key lies in it.
+    KeyboardInterrupt: finished cases stay.
     """
-    if out.absolute() in key_file.absolute().parents:
+    if out.resolve() in key_file.resolve().parents:
         raise UserError("key", key_file, f"a file outside {out}: who gets the benchmark must not get the key")
-    plan, name = planned(seed, per_machine), out / files.ABOUT
-    about = {"name": "dtbacklash benchmark", "version": VERSION, "seed": seed, "concealed": len(plan)}
-    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and read_json(name).get("seed") is None)):
+    name = out / files.ABOUT
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and read_json(name).get("name") != NAME)):
         raise UserError("out", out, "holds something else; give an empty or a new folder")
+    if name.exists() and not key_file.exists():
+        raise UserError("key", key_file, f"is not there, and {out} was begun with it; give its key or a new folder")
+    key = seal.read_or_make_key(key_file)
+    plan = planned(seed, per_machine, key)
+    about = {"name": NAME, "version": VERSION, "concealed": len(plan), "commitment": commitment(seed, len(plan), key)}
+    about |= {"seed": seed} if seed == SEED else {}
+    for case in (out / files.CASES / one.number for one in plan):
+        if (case / seal.SEALED).exists():
+            files.truth_of(case, key_file)
     if name.exists() and read_json(name) != about:
-        raise UserError("out", out, "holds another benchmark; give a new folder")
-    seal.read_or_make_key(key_file)
+        raise UserError("out", out, "holds a benchmark of another seed, size or key; give a new folder")
     write_text(name, files.data_text(about))
     jobs = [Making(out / files.CASES / one.number, one, key_file) for one in plan]
     engine.complete(jobs, by, tell, "concealing", "cases")
@@ -110,8 +121,13 @@ def _said(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
 
 
 def _write_real(folder: Path, recording: real.Real) -> None:
-    """Write the case of a real recording: a copy where the licence allows one, else how to get it."""
+    """Write the case of a real recording: a copy where the licence allows one, else how to get it.
+
+    A copy that is there stays where none can be made now.
+    """
     about, found = real.about(recording), real.table(recording)
+    if found is None and (folder / "train.csv").exists():
+        return
     truth = Truth(folder.name, about["machine"], "real", "real", False, list(recording.hidden), list(recording.allowed))
     said: dict[str, Any] = {"case": folder.name, "split": "real", "task": "missing", **about}
     shutil.rmtree(folder, ignore_errors=True)

@@ -1,8 +1,10 @@
-"""The cases of the benchmark: which machines, kinds and seeds. A seed here has been used for nothing else."""
+"""The cases of the benchmark: which machines, kinds and seeds. A published seed has been used for nothing else."""
 
 from __future__ import annotations
 
+import hmac
 from dataclasses import dataclass
+from operator import ne
 
 import numpy as np
 
@@ -17,6 +19,10 @@ COUNTS = (
     ("nothing", True, 1, 0), ("parameters", True, 1, 0), ("single", True, 4, 1), ("several", True, 1, 0),
     ("unlisted", True, 1, 0), ("change", True, 1, 0),
 )  # fmt: skip
+#: a smaller benchmark takes the kinds in turn
+TURNS = ("single", "nothing", "change", "parameters", "unlisted", "several")
+#: bytes of a seed that follows from a key
+SEED_BYTES = 16
 
 
 @dataclass(frozen=True)
@@ -31,18 +37,50 @@ class Planned:
     split: str
 
 
-def planned(seed: int = SEED, per_machine: int | None = None) -> list[Planned]:
+def planned(seed: int = SEED, per_machine: int | None = None, key: bytes = b"") -> list[Planned]:
     """The concealed cases of a benchmark by their numbers; the order tells nothing of what is hidden.
 
-    per_machine : only the first so many of each machine's list, for a smaller benchmark. None: all 24.
+    per_machine : so many cases of each machine, for a smaller benchmark. None: all 24.
+    key : that of the seals. The cases of any seed but the published one follow from it as well: who lacks the key
+    cannot find them by trying seeds.
     """
     kinds = [
         (kind, lifelike, "development" if j < open_ones else "scored")
-        for kind, lifelike, count, open_ones in COUNTS for j in range(count)
-    ][:per_machine]  # fmt: skip
+        for kind, lifelike, many, open_ones in COUNTS for j in range(many)
+    ]  # fmt: skip
+    if per_machine is not None:
+        kinds = [kinds[j] for j in _in_turn(kinds, per_machine)]
     every = [(machine, *kind) for machine in MACHINES for kind in kinds]
-    order = np.random.default_rng([seed, len(every)]).permutation(len(every))
+    start = seed if seed == SEED else _drawn(seed, "order", key)
+    order = np.random.default_rng([start, len(every)]).permutation(len(every))
     return [
-        Planned(f"{n + 1:03d}", seed + n, machine, kind, lifelike, split)
+        Planned(f"{n + 1:03d}", seed + n if seed == SEED else _drawn(seed, n, key), machine, kind, lifelike, split)
         for n, (machine, kind, lifelike, split) in enumerate(every[j] for j in order)
     ]
+
+
+def commitment(seed: int, cases: int, key: bytes) -> str:
+    """What a benchmark was made from, hexadecimal; tells nothing without the key."""
+    return _coded(f"benchmark {seed} {cases}", key).hex()
+
+
+def _drawn(seed: int, what: int | str, key: bytes) -> int:
+    return int.from_bytes(_coded(f"seed {seed} {what}", key)[:SEED_BYTES], "big")
+
+
+def _coded(text: str, key: bytes) -> bytes:
+    return hmac.digest(key, text.encode(), "sha256")
+
+
+def _in_turn(kinds: list[tuple[str, bool, str]], many: int) -> list[int]:
+    """The indexes of ``many`` of a machine's cases: its kinds, both splits, clean and lifelike ones in turn."""
+    left, taken, turn = list(range(len(kinds))), list[int](), 0
+    while left and len(taken) < many:
+        lap, i = divmod(turn, len(TURNS))
+        wanted = bool(lap % 2), ("scored", "development")[(i + lap) % 2]
+        if of_kind := [j for j in left if kinds[j][0] == TURNS[i]]:
+            best = min(of_kind, key=lambda j: sum(map(ne, kinds[j][1:], wanted)))
+            left.remove(best)
+            taken.append(best)
+        turn += 1
+    return sorted(taken)

@@ -31,7 +31,7 @@ RUNAWAY = 1e6
 class Figure:
     """One figure of the score.
 
-    name, what : its short name, and what it counts. group : all, or a kind of case, or a machine.
+    name, what : its short name, and what it counts. group : all, or a split, a kind of case, or a machine.
     value : a share, or a median. of : how many were counted. low, high : 95 % interval.
     right : of a share, how many were right.
     """
@@ -77,7 +77,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Judged:
-    """One case with what a tool said of it. ratio : its prediction's error over the oracle's; None without one."""
+    """One case with what a tool said of it. ratio : see :func:`error_ratio`."""
 
     truth: Truth
     rows: Sequence[Row]
@@ -113,9 +113,12 @@ class Judged:
 
 
 def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float | None:
-    """Rms over channels of a prediction's error, each in units of the oracle's; None without a prediction."""
+    """Rms over channels of a prediction's error, each in units of the oracle's; infinite without a prediction.
+
+    None of a case that has no test.
+    """
     if predicted is None or not truth.test:
-        return None
+        return math.inf if truth.test else None
     squares = []
     for name, values in truth.test.items():
         wrong = (np.asarray(values) - predicted[name]) / truth.oracle[name]
@@ -126,10 +129,12 @@ def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float |
 def score(tool: str, truths: Sequence[Truth], answers: Answers, ratios: Mapping[str, float | None]) -> Score:
     """Score the answers of one tool.
 
-    truths : of the cases that it worked on. ratios : case -> error of its prediction over the oracle's.
+    truths : of the cases that it worked on. ratios : case -> :func:`error_ratio` of its prediction.
     """
     judged = [Judged(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
     groups: dict[str, Callable[[Truth], bool]] = {"all": lambda t: True}
+    for split in dict.fromkeys(t.split for t in truths):
+        groups[split] = lambda t, split=split: t.split == split  # type: ignore[misc]
     for kind in dict.fromkeys(t.kind for t in truths):
         groups[kind] = lambda t, kind=kind: t.kind == kind  # type: ignore[misc]
     groups["clean"], groups["lifelike"] = (lambda t: not t.lifelike and t.kind != "real"), lambda t: t.lifelike
@@ -143,7 +148,7 @@ def figures_of(judged: Sequence[Judged], group: str) -> list[Figure]:
     """The figures of some cases."""
     named = [row is not None for j in judged for _, row in j.named()]
     placed = [right for j in judged for right in j.placed()]
-    rows = [(j, row) for j in judged for row in j.said]
+    false = [j.is_false(row) for j in judged for row in j.said if j.is_right(row) or j.is_false(row)]
     sizes = [s for j in judged for s in j.sizes()]
     within = [
         size is not None and abs(size - h.size) <= NEAR * abs(h.size) for h, size, _, _ in sizes if h.size is not None
@@ -151,21 +156,22 @@ def figures_of(judged: Sequence[Judged], group: str) -> list[Figure]:
     intervals = [
         holds((low, high), h.size) for h, _, low, high in sizes if None not in (low, high) and h.size is not None
     ]
-    nothing = [not j.said for j in judged if not j.truth.hidden]
     clean = [not any(j.is_false(row) for row in j.said) for j in judged]
+    nothing = [right for j, right in zip(judged, clean, strict=True) if not j.truth.hidden]
     ratios = [j.ratio for j in judged if j.ratio is not None]
     shares = [
         ("named", "hidden things named, with their place", named),
         ("place", "hidden things with a name at their place, right or wrong", placed),
-        ("nothing", "machines that lack nothing, of which nothing was said", nothing),
-        ("false_names", "names that are false", [j.is_false(row) for j, row in rows]),
+        ("nothing", "machines that lack nothing, of which nothing false was said", nothing),
+        ("false_names", "names that are false", false),
         ("no_false_name", "cases without a false name", clean),
         ("size", "named things whose size is within 10 %", within),
         ("coverage", "intervals of sizes that hold the truth", intervals),
     ]  # fmt: skip
     found = [_share(name, what, group, right) for name, what, right in shares]
     median, low, high = median_interval(ratios)
-    what = "median error of predictions over the oracle's"
+    given = sum(map(math.isfinite, ratios))
+    what = f"median error of predictions over the oracle's ({given} of {len(ratios)} cases predicted)"
     return [*found, Figure("prediction", what, group, median, len(ratios), low, high)]
 
 

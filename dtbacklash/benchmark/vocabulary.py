@@ -47,5 +47,7 @@ def meant(text: str, known: Mapping[str, str]) -> str:
     found = known.get(plain(text))
     if found is None:
         near = difflib.get_close_matches(plain(text), known, n=1)
-        raise ValueError(f"{text!r} is not in the vocabulary" + (f"; did you mean {known[near[0]]}?" if near else ""))
+        raise ValueError(
+            f"{text[:40]!r} is not in the vocabulary" + (f"; did you mean {known[near[0]]}?" if near else "")
+        )
     return found

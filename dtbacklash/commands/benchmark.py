@@ -25,17 +25,19 @@ def main(words: Sequence[str]) -> int:
 
 def _make(config: MakeConfig) -> int:
     from dtbacklash.benchmark.make import make
-    from dtbacklash.campaign.backends import Workers
+    from dtbacklash.campaign.backends import OwnProcess, Workers
     from dtbacklash.campaign.progress import shown
     from dtbacklash.commands.console import shown_path
     from dtbacklash.prove.seal import key_path
 
     out = Path(config.out).expanduser().absolute()
     key = Path(config.key).expanduser().absolute() if config.key else key_path(out)
+    # never in this process: Ctrl-C at the end of a simulation would be lost in the callback of a weak reference
+    by = Workers("loky", config.jobs) if config.jobs > 1 else OwnProcess()
     with shown("cases") as tell:
-        count = make(out, key, Workers("loky", config.jobs), tell, config.seed, config.per_machine)
+        count = make(out, key, by, tell, config.seed, config.per_machine)
     print(f"{count} cases in {shown_path(out)}; read its README.md")
-    print(f"the key: {shown_path(key)}; keep it apart until the answers are written")
+    print(f"the key: {shown_path(key)}; keep it and the seed apart until the answers are written")
     return 0
 
 

@@ -17,7 +17,10 @@ class MakeConfig:
 
     out: str = setting("bench", "the folder; what is there of the same benchmark is kept", path=OUTPUT)
     key: str | None = setting(None, "file of the key (default: FOLDER.key, beside the folder)", path=OUTPUT)
-    seed: int = setting(971_000, "of the first case; this is the published benchmark", at_least=0, at_most=SEED_MAX)
+    seed: int = setting(
+        971_000, "the published benchmark; with any other number, the cases follow from it and the key",
+        at_least=0, at_most=SEED_MAX,
+    )  # fmt: skip
     per_machine: int | None = setting(
         None, "concealed cases of each machine, for a smaller one (default: all 24)", at_least=1, at_most=24
     )
@@ -33,7 +36,7 @@ class ScoreConfig:
 
     key: str | None = setting(None, "file of the key; needed for cases whose answers are sealed", path=INPUT)
     out: str | None = setting(None, "folder of the score (default: ANSWERS_score, beside the answers)", path=OUTPUT)
-    split: str = setting("all", "which cases count", choices=SPLITS)
+    split: str = setting("scored", "which cases count; the answers of the others are open", choices=SPLITS)
     tool: str | None = setting(None, "name of the tool (default: that of the folder of its answers)")
 
     def __post_init__(self) -> None:
@@ -43,7 +46,7 @@ class ScoreConfig:
 PARTS = {
     "make": Part(
         MakeConfig, "write a benchmark: cases with sealed answers, and all that it takes to enter\n"
-        "Writes README.md, machines, cases, the vocabulary and hashes. It needs about ten minutes on two cores.\n"
+        "Writes README.md, machines, cases, the vocabulary and hashes. It needs about six minutes on two free cores.\n"
         "Started again, it does only what is missing."
     ),
     "score": Part(

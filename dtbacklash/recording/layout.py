@@ -32,7 +32,7 @@ _QUANTITY = re.compile(rf"({preamble.NUMBER.pattern})\s*([^\W\d]\D*|°|µ\D+)")
 _GROUPED = re.compile(
     rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS.replace(' ', '')}]\d{{3}})+)"
 )
-#: the same by blanks, which part columns as well: only where the delimiter or the numbers around it tell
+#: the same by blanks, which part columns as well: only where the names and the numbers around it tell
 _GROUPED_BY_BLANKS = re.compile(r"[+-]?\d{1,3}( \d{3})+")
 _BLANKS = re.compile(r"[ \t\f]+")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
@@ -56,19 +56,32 @@ def find(whole: str) -> Layout:
 
     Raises
     ------
-    Refused : no table of numbers.
+    Refused : no table of numbers, or a column of which blanks may part either digits or numbers.
     """
     head = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
     lines = [*head, *_spread(whole, sum(map(len, head)) + len(head))]
     best: tuple[int, Layout] | None = None
+    unclear: dict[str, str] = {}
     for delimiter in DELIMITERS:
         split = {k: fields_of(line, delimiter) for k, line in enumerate(lines) if not _skipped(line)}
         common = Counter(len(fields) for fields in split.values() if len(fields) > 1).most_common(1)
         width = common[0][0] if common else 0
         rows = [fields for fields in split.values() if len(fields) == width]
         columns = [[fields[j] for fields in rows if fields[j]] for j in range(width)]
-        blanks = delimiter not in (SPACE, ",")  # may part the digits of a number
-        kinds = [_kind(filled, blanks) if len(filled) > FEW * len(rows) else "" for filled in columns]
+        clear = delimiter not in (SPACE, ",")  # parts of its fields may be no columns
+        blanks = []  # whether they may part the digits of a column's numbers
+        for j, filled in enumerate(columns):
+            names = _names(head, delimiter, width, j) if any(map(_GROUPED_BY_BLANKS.fullmatch, filled)) else []
+            known = _are_groups(filled, names)
+            blanks.append(clear and known)
+            if not known:
+                unclear[delimiter] = _either(j, names, filled)
+                if clear and names and not any(" " in name for name in names):  # one name for two numbers
+                    raise Refused(unclear[delimiter])
+        kinds = [
+            TEXT if clear and not known else _kind(filled, known) if len(filled) > FEW * len(rows) else ""
+            for filled, known in zip(columns, blanks, strict=True)
+        ]  # fmt: skip
         good = [j for j, kind in enumerate(kinds) if kind in (NUMBER, STAMP)]
         score = len(good) - kinds.count(TEXT)
         if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
@@ -81,8 +94,10 @@ def find(whole: str) -> Layout:
             first -= 1
         if first is not None:
             best = score, Layout(delimiter, first, width)
-            if blanks and len(good) == width:  # parts of these would be numbers as well
+            if clear and len(good) == width:  # parts of these would be numbers as well
                 break
+    if unclear and (best is None or best[1].delimiter in unclear):
+        raise Refused(next(iter(unclear.values())) if best is None else unclear[best[1].delimiter])
     if best is None:
         full = [line for line in lines if not _skipped(line)]
         alone = len(full) <= 2 and any(
@@ -194,10 +209,34 @@ def _skipped(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith(COMMENTS)
 
 
-def _begins(fields: list[str], good: list[int], width: int, blanks: bool) -> bool:
+def _names(head: list[str], delimiter: str, width: int, column: int) -> list[str]:
+    """What stands above a column, also behind the sign of a comment; a unit in brackets belongs to its name."""
+    signs = "".join(COMMENTS) + " "
+    above = (fields_of(_BEFORE_BRACKET.sub("", line.lstrip(signs)), delimiter) for line in head)
+    texts = [fields[column] for fields in above if len(fields) == width]
+    return [text for text in texts if re.search(r"[^\W\d_]", text) and not _is_number(text)]
+
+
+def _are_groups(fields: list[str], names: list[str]) -> bool:
+    """Whether blanks within the numbers of a column part groups of digits, and cannot part numbers.
+
+    No name has a blank there, and some number has none, or so many groups that a name for each would be missing.
+    """
+    groups = {len(field.split(" ")) for field in fields if _GROUPED_BY_BLANKS.fullmatch(field)}
+    single = any(" " not in field and _is_number(field) for field in fields)
+    return not groups or (not any(" " in name for name in names) and (single or max(groups) > 2))
+
+
+def _either(column: int, names: list[str], fields: list[str]) -> str:
+    name = repr(names[-1]) if names else f"number {column + 1}"
+    value = next(field for field in fields if _GROUPED_BY_BLANKS.fullmatch(field))
+    return f"has a column ({name}) with {value!r}, which may be one number or several; write it without blanks"
+
+
+def _begins(fields: list[str], good: list[int], width: int, blanks: list[bool]) -> bool:
     """Whether a line is the first of the numbers: two or more of them, and nothing else in their columns."""
-    filled = [fields[j] for j in good if j < len(fields) and fields[j].lower() not in MISSING]
-    numbers = sum(_kind([text], blanks) in (NUMBER, STAMP) for text in filled)
+    filled = [j for j in good if j < len(fields) and fields[j].lower() not in MISSING]
+    numbers = sum(_kind([fields[j]], blanks[j]) in (NUMBER, STAMP) for j in filled)
     return width - 1 <= len(fields) <= width and numbers == len(filled) and numbers > 1
 
 

@@ -26,7 +26,7 @@ def answer(case: Case) -> Found:
                   for table in (t.drop(columns="r") for t in case.recordings)]  # fmt: skip
     changes = len(recordings) > 1
     compare: Any = "change" if changes else None
-    found: Any = dtb.diagnose(recordings if changes else recordings[0], case.rig, compare=compare)
+    found = dtb.diagnose(recordings if changes else recordings[0], case.rig, compare=compare).diagnosis
     rows = _changes(found, case) if changes else _findings(found, case)
     return Found(rows, simulated(found.extended, case.test, case.step_s))
 
@@ -64,11 +64,13 @@ def _findings(found: Diagnosis, case: Case) -> list[dict[str, Any]]:
 def _changes(found: Diagnosis, case: Case) -> list[dict[str, Any]]:
     rows = []
     for change in found.changes or ():
-        place, _, rest = change.title.partition(".")
-        certainty = CERTAINTY.get(change.confidence, 0.5)
-        is_parameter = place in case.rig.config.parameters and not rest
-        effect = "wrong_parameter" if is_parameter else rest.partition(".")[0]
-        rows.append({"place": place, "effect": effect, "certainty": certainty})
+        place, *rest = change.title.split(".")
+        row: dict[str, Any] = {"place": place, "effect": rest[0] if rest else "wrong_parameter",
+                               "certainty": CERTAINTY.get(change.confidence, 0.5)}  # fmt: skip
+        if not rest or rest[1:] == [find(case.rig.kind_at(place), rest[0], place).size.name]:
+            low, high = change.after.ci95
+            row |= {"size": change.after.value, "unit": change.after.unit, "low": low, "high": high}
+        rows.append(row)
     return _once(rows)
 
 

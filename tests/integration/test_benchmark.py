@@ -1,9 +1,13 @@
 """The benchmark from outside: made by the command line, read with numpy and pandas alone, scored."""
 
+import base64
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pandas as pd
@@ -11,10 +15,15 @@ import pytest
 
 from dtbacklash import cli
 from dtbacklash.benchmark import plan
-from dtbacklash.benchmark.files import nominal
+from dtbacklash.benchmark.conceal import conceal
+from dtbacklash.benchmark.files import nominal, truth_of
+from dtbacklash.benchmark.judge import judge
 from dtbacklash.benchmark.machines import EQUATIONS, mjcf
+from dtbacklash.benchmark.make import write_case
 from dtbacklash.physics.simulate import simulate
 
+MAIN = "import sys; from dtbacklash import cli; sys.exit(cli.main(sys.argv[1:]))"
+KEY = base64.urlsafe_b64encode(bytes(32))
 #: of a machine: everything that reads a benchmark without this package may import
 ALONE = """
 import sys
@@ -38,21 +47,68 @@ print(count)
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A benchmark of two small cases: one of each split, and the real ones."""
+    """A small benchmark: one machine, one case of each kind, both splits; and the real ones."""
     folder = tmp_path_factory.mktemp("benchmark")
+    (folder / "bench.key").write_bytes(KEY)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "MACHINES", ("pendulum",))
-        assert cli.main(["benchmark", "make", f"out={folder / 'bench'}", "seed=40", "per_machine=2", "jobs=1"]) == 0
+        assert cli.main(["benchmark", "make", f"out={folder / 'bench'}", "seed=48613", "per_machine=6", "jobs=2"]) == 0
     return folder / "bench"
 
 
+def concealed(bench):
+    """(folder, plan) of each case that hides something or nothing."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "MACHINES", ("pendulum",))
+        return [(bench / "cases" / one.number, one) for one in plan.planned(48613, 6, KEY)]
+
+
 @pytest.mark.check
-def test_the_same_seed_and_key_give_the_same_files_to_the_byte(bench, monkeypatch):
-    monkeypatch.setattr(plan, "MACHINES", ("pendulum",))
-    again, key = bench.with_name("again"), bench.with_name("bench.key")
-    assert cli.main(["benchmark", "make", f"out={again}", f"key={key}", "seed=40", "per_machine=2", "jobs=1"]) == 0
-    assert (again / "SHA256SUMS").read_bytes() == (bench / "SHA256SUMS").read_bytes()
-    assert (again / "cases" / "001" / "train.csv").read_bytes() == (bench / "cases" / "001" / "train.csv").read_bytes()
+def test_the_same_seed_and_key_give_the_same_case_to_the_byte(bench):
+    folder, one = concealed(bench)[2]
+    again, rig = bench.with_name("again"), nominal("pendulum")
+    write_case(again, one, rig, conceal(one, rig), KEY)
+    assert {f.name: f.read_bytes() for f in again.iterdir()} == {f.name: f.read_bytes() for f in folder.iterdir()}
+
+
+@pytest.mark.check
+def test_each_kind_is_concealed_sealed_and_scored(bench, tmp_path):
+    key = bench.with_name("bench.key")
+    truths = [truth_of(folder, key) for folder, _ in concealed(bench)]
+    assert {t.kind for t in truths} == set(plan.TURNS)
+    assert all(bool(t.hidden) == (t.kind != "nothing") for t in truths)
+    rows = [
+        {"case": t.case, "place": h.place, "effect": h.effect, "size": h.size, "unit": h.unit} for t in truths
+        for h in t.hidden
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(tmp_path / "answers.csv", index=False)
+    (tmp_path / "cases.txt").write_text(" ".join(t.case for t in truths))
+    for t in truths:
+        pd.DataFrame(t.test).to_csv(tmp_path / f"{t.case}.csv", index=False)
+    found = judge(tmp_path, bench, key, "all", "perfect")
+    assert found.problems == []
+    named, false, size = (found.figure(name) for name in ("named", "false_names", "size"))
+    assert (named.right, false.right, size.right) == (named.of, 0, size.of)
+    assert named.of == len(rows) >= 6
+    assert size.of >= 4
+    assert {found.figure("named", t.kind).value for t in truths if t.hidden} == {1.0}
+    assert found.figure("prediction").value == 0.0
+
+
+@pytest.mark.check
+def test_no_public_file_tells_what_is_hidden(bench):
+    everywhere = "".join(f.read_text(encoding="utf-8") for f in sorted(bench.rglob("*")) if f.is_file())
+    assert not re.search(r"(?<![\d.])48613(?!\d)", everywhere)
+    assert KEY.decode() not in everywhere
+    for folder, one in concealed(bench):
+        truth = truth_of(folder, bench.with_name("bench.key"))
+        names = {f.name for f in folder.iterdir()}
+        public = "".join((folder / name).read_text() for name in names - {"answer.json", "test_output.csv"})
+        assert str(one.seed) not in everywhere
+        assert {"answer.json", "test_output.csv"} & names == (
+            {"answer.json", "test_output.csv"} if one.split == "development" else set()
+        )
+        assert not [h for h in truth.hidden if h.effect in public or (h.size and f"{h.size:.6g}" in public)]
 
 
 @pytest.mark.check
@@ -67,7 +123,7 @@ def test_numpy_and_pandas_alone_read_every_file(bench):
 
 @pytest.mark.check
 def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
-    cases = [json.loads((f / "case.yaml").read_text()) for f in sorted((bench / "cases").iterdir())]
+    cases = [json.loads((folder / "case.yaml").read_text()) for folder, _ in concealed(bench)]
     entry = tmp_path / "hand"
     entry.mkdir()
     (entry / "answers.csv").write_text("Case;Place;Effect;Certainty\n1;Disk;gravity;0,4\n2;Disk;nonsense;1\n")
@@ -75,7 +131,7 @@ def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
         samples = len(pd.read_csv(bench / "cases" / case["case"] / "test_input.csv"))
         zeros = pd.DataFrame(np.zeros((samples, len(case["predict"]))), columns=case["predict"])
         zeros.to_csv(entry / f"{case['case']}.csv", index=False)
-    words = ["benchmark", "score", str(entry), str(bench)]
+    words = ["benchmark", "score", str(entry), str(bench), "split=all"]
     assert cli.main(words) == 2  # the second case is sealed
     assert "is sealed; give key=FILE" in capsys.readouterr().err
     assert cli.main([*words, f"key={bench.with_name('bench.key')}"]) == 0
@@ -84,9 +140,9 @@ def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
         "dtb: answers.csv, line 3: 'nonsense' is not in the vocabulary; the row is left out"
     ]
     figures = pd.read_csv(tmp_path / "hand_score" / "score.csv").set_index(["name", "group"])
-    assert figures.loc[("prediction", "all"), "of"] == 2
-    assert figures.loc[("prediction", "all"), "value"] > 1.0
-    assert figures.loc[("nothing", "all"), "right"] == 2  # two pendulums that lack nothing
+    assert figures.loc[("prediction", "all"), ["of", "value"]].tolist() == [6, np.inf]  # two of six predicted
+    assert 1.0 < figures.loc[("prediction", "all"), "low"] < np.inf
+    assert figures.loc[("nothing", "all"), "right"] == 1  # of the one that lacks nothing, nothing was said
     assert (tmp_path / "hand_score" / "report.html").is_file()
 
 
@@ -103,6 +159,21 @@ def test_a_recording_that_was_changed_is_refused(bench, tmp_path, capsys):
     key = bench.with_name("bench.key")
     assert cli.main(["benchmark", "score", str(tmp_path), str(other), f"key={key}", "out=score"]) == 2
     assert "is not the one that was sealed" in capsys.readouterr().err
+
+
+@pytest.mark.check
+def test_ctrl_c_ends_it_also_with_one_job(tmp_path):
+    words = [sys.executable, "-c", MAIN, "benchmark", "make", "out=bench", "per_machine=2", "jobs=1"]
+    made = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    begin = time.monotonic()
+    while made.poll() is None and not list(tmp_path.glob("bench/cases/[0-9]*")) and time.monotonic() < begin + 60.0:
+        time.sleep(0.1)
+    time.sleep(2.0)  # within the simulations of the next case
+    os.killpg(made.pid, signal.SIGINT)
+    said = made.communicate(timeout=120)[1]
+    assert made.returncode == 130
+    assert "of 10 cases are done and stay; the same command does the rest" in said
+    assert "Exception ignored" not in said
 
 
 @pytest.mark.parametrize(("words", "said"), [

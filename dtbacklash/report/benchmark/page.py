@@ -22,7 +22,8 @@ RULES = [
     f"A name counts as said if its certainty is at least {SAID:g}. It is right if place and effect are. A name of a "
     "small thing that a lifelike machine has besides is neither right nor false.",
     f"Intervals of shares are Wilson's ({SHARES}). The interval of a median is that of order statistics.",
-    "A prediction's error is the rms over time and channels, each channel in units of the true machine's error.",
+    "A prediction's error is the rms over time and channels, each channel in units of the true machine's error. "
+    "A case without a prediction counts as infinite.",
 ]
 RELIABILITY = "Names by their certainty: the share that is right, with 95 % intervals (Wilson)."
 ON_THE_LINE = "Certainty is calibrated where the dots lie on the line; below it, a tool is surer than it is right."
@@ -31,7 +32,7 @@ ON_THE_LINE = "Certainty is calibrated where the dots lie on the line; below it,
 def figures_table(score: Score, group: str) -> Table:
     """The figures of a group of cases."""
     rows = [(one.what, *_cells(one)) for one in score.figures if one.group == group]
-    return Table(HEADS, rows, title=f"{score.tool}: {score.cases} cases")
+    return Table(HEADS, rows, title=f"{score.tool}: {score.figure('no_false_name', group).of} cases")
 
 
 def _cells(one: Counted) -> tuple[str, str, str]:

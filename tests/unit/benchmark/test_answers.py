@@ -1,11 +1,13 @@
 """Answers as people and programs write them: what is wrong is told in one line, and stops nothing."""
 
+import math
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from stage_words import MACHINES, PLACES
 
-from dtbacklash.benchmark.answers import Row, prediction, read
+from dtbacklash.benchmark.answers import Row, factor_between, prediction, read
 from dtbacklash.errors import UserError
 
 HEAD = "case,place,effect,size,unit,low,high,certainty\n"
@@ -28,13 +30,17 @@ def test_columns_of_no_use_may_be_missing(answers):
     ("9,table,delay,,,,,", "no case '9'"), ("1,tabel,delay,,,,,", "did you mean table"),
     ("1,table,magic,,,,,", "not in the vocabulary"), ("1,table,delay,much,s,,,", "size 'much' is no number"),
     ("1,table,delay,1,s,3,2,", "low 3 is above high 2"), ("1,table,delay,nan,s,,,", "not finite"),
-    ("1,table,delay,,,,,1.2", "certainty 1.2 is not from 0 to 1"), ("2,table,lag,,,,,", "stands there twice"),
+    ("1,table,delay,,,,,1.2", "certainty 1.2 is not from 0 to 1"), ("1,table,delay,0,5,s,,,0,9", "more cells than"),
+    ("1,table,delay,0,5,,,", "unit '5' is a number"), ('1,"table,delay,,,,,', "unexpected end of data"),
+    (f"1,{'x' * 300},delay,,,,,", f"'{'x' * 40}' is not"), (f"{'8' * 300},table,delay", f"no case '{'8' * 40}'"),
+    ("2,table,lag,,,,,", "stands there twice"),
 ])  # fmt: skip
 def test_a_wrong_row_gets_one_line_and_the_others_count(answers, row, said):
     found = read(answers(f"{HEAD}2,table,lag,,,,,\n{row}\n3,spring,other,,,,,\n"), MACHINES, PLACES)
     (problem,) = found.problems
     assert said in problem
     assert "answers.csv, line 3" in problem
+    assert len(problem) < 150
     assert set(found.rows) == {"002", "003"}
 
 
@@ -44,6 +50,11 @@ def test_cases_that_were_left_out_are_not_counted(answers):
     found = read(folder, MACHINES, PLACES)
     assert found.cases == ["001", "003"]
     assert [p.partition(":")[0] for p in found.problems] == ["cases.txt", "answers.csv, line 2"]
+
+
+def test_a_column_that_stands_there_twice_is_refused(answers):
+    with pytest.raises(UserError, match="two columns size"):
+        read(answers("case,place,effect,size,Size\n1,table,delay,1,2\n"), MACHINES, PLACES)
 
 
 def test_without_a_column_that_is_needed_there_is_no_score(answers):
@@ -65,6 +76,17 @@ def test_a_size_is_brought_into_the_unit_of_the_truth(unit, size):
     assert Row("001", "table", "backlash", 19.5, unit).size_in("m")[0] == pytest.approx(size)
 
 
+@pytest.mark.parametrize(("written", "unit", "factor"), [
+    ("N*s/m", "N s/m", 1.0), ("Ns/m", "N s/m", 1.0), ("N·s/m", "N s/m", 1.0), ("mNs/m", "N s/m", None),
+    ("kg m2", "kg m^2", 1.0), ("kg cm²", "kg m^2", 1e-4), ("%", "1", 0.01), ("%", "", 0.01), ("1", "", 1.0),
+    ("1/s", "Hz", 1.0), ("rad/s", "Hz", 0.5 / math.pi), ("Hz", "rad/s", 2.0 * math.pi), ("rad/s", "1/s", None),
+    ("rpm", "rad/s", math.pi / 30), ("Nms/rad", "N m s/rad", 1.0), ("N m s", "N m s/rad", 1.0), ("g", "kg", 1e-3),
+    ("mm", "m", 1e-3), ("1", "N", None), ("furlong", "m", None), ("N", "furlong", None), ("kHz", "Hz", 1e3),
+])  # fmt: skip
+def test_units_are_read_as_people_write_them(written, unit, factor):
+    assert factor_between(written, unit) == (None if factor is None else pytest.approx(factor))
+
+
 @pytest.mark.parametrize(("text", "said"), [
     ("y\n1\n", "lacks the column x"), ("x\n1\n", "1 rows, and the test has 2"), ("", "001.csv: "),
 ])  # fmt: skip
@@ -74,3 +96,10 @@ def test_a_wrong_prediction_is_told(tmp_path, text, said):
     assert found is None
     assert said in problem
     assert prediction(tmp_path, "002", {"x": 2}) == (None, "")
+
+
+def test_a_comma_at_the_end_of_each_row_moves_no_column(tmp_path):
+    (tmp_path / "001.csv").write_text("x,y\n1,5,\n2,6,\n")
+    found, problem = prediction(tmp_path, "001", {"x": 2})
+    assert problem == ""
+    assert found["x"].tolist() == [1.0, 2.0]

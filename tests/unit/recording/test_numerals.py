@@ -160,6 +160,28 @@ def test_blanks_in_whole_numbers_part_no_columns(delimiter):
     assert columns["x"].values[-1] == -37.0 * 119
 
 
+@pytest.mark.parametrize(("head", "row"), [("t\tu theta", "{}\t{} {}"), ("# t\tu theta", "{}\t{} {}"),
+                                           ("t\tu\ttheta", "{}\t{} {}")])  # fmt: skip
+def test_two_columns_that_a_blank_parts_stay_two(head, row):
+    columns = read([row.format(k, 100 + k, 200 + k) for k in range(120)], head)
+    assert [(name, one.values[-1]) for name, one in columns.items()] == [("t", 119.0), ("u", 219.0), ("theta", 319.0)]
+
+
+@pytest.mark.parametrize(("head", "row", "name"), [
+    ("t;u;a b", "{};0.000;{} {}", "'a b'"), ("t;u;a", "{};0.000;{} {}", "'a'"), ("t\tu", "{}\t{} {}", "'u'"),
+    ("t,u,a b", "{},0.5,{} {}", "'a b'"), ("0;5;99 199", "{};5;{} {}", "number 3"),
+    ("t|u|a b c", "{}|5|{} {} 300", "'a b c'"),
+])  # fmt: skip
+def test_one_number_or_two_is_refused_with_its_column(head, row, name):
+    with pytest.raises(Refused, match=rf"a column \({name}\) with '\d+ \d+.*', which may be one number or several"):
+        read([row.format(k, 100 + k, 200 + k) for k in range(120)], head)
+
+
+def test_three_groups_below_one_name_are_one_number():
+    columns = read([f"{k};5;1 {k:03d} 250" for k in range(120)], "t;u;x [mm]")
+    assert columns["x [mm]"].values[-1] == 1119250.0
+
+
 def test_groups_between_commas_are_refused_where_the_first_rows_failed():
     rows = [f"{k / 100},{'1,000.2' if k % 3 == 2 else 999.5},{'OVER' if k < 3 else k % 5}" for k in range(120)]
     with pytest.raises(Refused, match="a comma in a number cannot be told"):
