@@ -39,14 +39,13 @@ _LOOK = 1000  # rows in which a proof is looked for before all the others
 class Convention:
     """How the numbers of a table are written.
 
-    decimal : its decimal sign. decided : whether anything tells; if not, no column with numbers like 1,234 can be read.
-    alone : whether the other sign stands nowhere. groups : whether so many numbers tell it that 1,234 is a whole one.
+    decimal : its decimal sign. decided : whether enough tells; if not, no column with numbers like 1,234 can be read.
+    alone : whether the other sign stands nowhere.
     """
 
     decimal: str = POINT
     decided: bool = True
     alone: bool = False
-    groups: bool = True
 
     @property
     def other(self) -> str:
@@ -69,7 +68,7 @@ def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), 
         if votes[decimal]:
             alone = signs == [decimal]
             groups = 0 if alone else sum(int(_match(c, _one_group(Convention(decimal).other)).sum()) for c in columns)
-            return Convention(decimal, alone=alone, groups=votes[decimal] > SLIPS * groups)
+            return Convention(decimal, decided=votes[decimal] > SLIPS * groups, alone=alone)
     held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
     open_ = [sign for sign in signs if any(_match(c, _one_group(sign)).any() for c in held[sign])]
     if len(open_) == 1 and any(_counts_on(c, open_[0]) for c in held[open_[0]]):
@@ -96,7 +95,7 @@ def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str
     good = grouped | _match(texts, _plain(sign)) | _match(texts, _INTEGER) | _match(texts, _WORD)
     if not convention.decided:
         good &= ~_match(texts, _one_group(sign))
-    elif convention.groups and ones.any() and _groups_all(texts, sign):
+    elif ones.any() and _groups_all(texts, sign):
         good |= ones
     missing = _mask(pc.is_null(texts)) | _mask(pc.is_in(pc.utf8_lower(texts), pa.array(sorted(MISSING))))
     bad = ~(good | missing)
