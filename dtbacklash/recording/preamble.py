@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from dtbacklash import units
 from dtbacklash.recording import heads
+from dtbacklash.recording.refusal import Refused
 
 _NAMES = re.compile(
     r"((signal|channel|kanal|trace)?[ _]*(name|label|variable)s?|signal|channel|kanal)\W*", re.IGNORECASE
@@ -49,7 +50,10 @@ class Preamble:
 
 
 def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
-    """What the rows of fields above ``width`` columns of numbers say; the row next to the numbers comes last."""
+    """What the rows of fields above ``width`` columns of numbers say; the row next to the numbers comes last.
+
+    Raises Refused where a row of numbers with more fields stands between the names and the others.
+    """
     rate = next(filter(None, (_RATE.search(" ".join(row)) for row in rows)), None)
     found = Preamble([], [""] * width, [-1] * width)
     if rate and float(rate[1]) > 0.0:
@@ -58,6 +62,7 @@ def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
         row for row in rows if len(row) > 1 and not all(map(_TYPE.fullmatch, row)) and not _STEP_UNIT.fullmatch(row[0])
     ]
     named: list[str] = []
+    numbers: list[str] = []
     keyed = False
     for row, above in zip(reversed(rows), [*reversed(rows[:-1]), []], strict=False):
         found.step_s = found.step_s or _step(row, above, decimal)
@@ -70,6 +75,10 @@ def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
             named, keyed = row, True
         elif not named and _are_names(row, decimal):
             named = row
+        elif not named and len(row) > width and 2 * sum(map(bool, map(NUMBER.fullmatch, row))) > len(row):
+            numbers = row
+    if named and numbers:
+        raise Refused(f"has a row of {len(numbers)} fields ({', '.join(numbers)[:40]}) above its {width} columns")
     if keyed and not _recurs(named):
         named = ["t", *named[1:]]
     found.spare = [name for name in named[width:] if name]

@@ -188,6 +188,12 @@ def test_groups_between_commas_are_refused_where_the_first_rows_failed():
         read(rows, "p,u,x")
 
 
+def test_a_row_of_too_many_numbers_and_a_text_is_no_line_above_the_numbers():
+    rows = "\n".join(f"{k},{k % 3},{k % 5},{k % 7 / 10}" for k in range(120))
+    with pytest.raises(Refused, match=r"has a row of 5 fields \(0, 25, 0, OVER, 1.3\) above its 4 columns"):
+        read_table(f"p,u,x,y\n0,25,0,OVER,1.3\n{rows}".encode(), "a.csv")
+
+
 def test_decimal_commas_between_commas_are_refused():
     rows = [f"0,{k:03d},{k % 9},25" for k in range(200)]
     with pytest.raises(Refused, match="has 4 columns of whole numbers below no names"):
