@@ -2,6 +2,7 @@
 
 import gc
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -58,3 +59,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
             return path if shares(config.rootpath / path) else nodeid
 
     return Together(config, log)
+
+
+@pytest.fixture
+def as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What a test adds to the catalogue is taken out again."""
+    from dtbacklash import source_hash
+    from dtbacklash.physics.catalogue import CATALOGUE
+
+    monkeypatch.setattr(source_hash, "_foreign", set(source_hash._foreign))
+    before = dict(CATALOGUE)
+    yield
+    for key in set(CATALOGUE) - set(before):
+        del CATALOGUE[key]

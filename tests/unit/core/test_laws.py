@@ -14,7 +14,7 @@ from dtbacklash.core import binding, build, library
 from dtbacklash.core.library import LAWS, lib
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.catalogue import CATALOGUE, SHIPPED
+from dtbacklash.physics.catalogue import SHIPPED
 from dtbacklash.physics.effects import slots, table
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role
 from dtbacklash.physics.effects.formula import DEPTH_MAX, FUNCTIONS, Formula
@@ -182,7 +182,7 @@ def test_the_deepest_formula_stays_on_the_stack():
     assert valued(formula, at, 0.0, 0.0)[0] == DEPTH_MAX - 1 + 0.25
 
 
-@pytest.mark.usefixtures("unregistered")
+@pytest.mark.usefixtures("as_before")
 def test_a_formula_of_an_effect_is_evaluated_by_the_core():
     parameters = (
         Parameter("size", "N m", 0.0, 1e3, 0.1, 0.0, role=Role.SIZE),
@@ -194,14 +194,6 @@ def test_a_formula_of_an_effect_is_evaluated_by_the_core():
     v = np.linspace(-1.0, 1.0, 7)
     found = laws.values_of(effect, {"size": 0.1, "rate": 2.0}, velocity=v)
     assert np.allclose(found, 0.1 * np.sin(2.0 * v), rtol=1e-15)
-
-
-@pytest.fixture
-def unregistered():
-    before = dict(CATALOGUE)
-    yield
-    for key in set(CATALOGUE) - set(before):
-        del CATALOGUE[key]
 
 
 def test_arrays_that_the_core_cannot_take_are_refused():
