@@ -37,8 +37,7 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
     Raises UserError: the folder holds something else, or seals of another key, or a key lies in it.
     KeyboardInterrupt: finished cases stay.
     """
-    if out.resolve() in key_file.resolve().parents:
-        raise UserError("key", key_file, f"a file outside {out}: who gets the benchmark must not get the key")
+    seal.check_apart(key_file, out, "benchmark")
     name = out / files.ABOUT
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and read_json(name).get("name") != NAME)):
         raise UserError("out", out, "holds something else; give an empty or a new folder")
@@ -91,7 +90,7 @@ def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes
         for name, table in made.recordings.items():
             (scratch / f"{name}.csv").write_text(files.text_of(table), encoding="utf-8")
         (scratch / files.TEST_INPUT).write_text(files.text_of(made.test_input), encoding="utf-8")
-        (scratch / files.CASE).write_text(files.data_text(_said(one, rig, made)), encoding="utf-8")
+        (scratch / files.CASE).write_text(files.data_text(_case_content(one, rig, made)), encoding="utf-8")
         if one.split == "development":
             (scratch / files.ANSWER).write_text(made.truth.to_json(), encoding="utf-8")
             output = files.text_of(pd.DataFrame({"t": made.test_input["t"], **made.truth.test}))
@@ -101,7 +100,7 @@ def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes
         (scratch / seal.SEALED).write_text(json_text(sealed), encoding="utf-8")
 
 
-def _said(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
+def _case_content(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
     """The content of a case's ``case.yaml``."""
     channels = {name: rig.sensors[name] for name in made.truth.test}
     instruments = {

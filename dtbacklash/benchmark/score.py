@@ -7,7 +7,7 @@ reliability of certainty. Nothing here knows how an answer came about; standard 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.benchmark.answers import Answers, Row
 from dtbacklash.benchmark.truth import Hidden, Truth
-from dtbacklash.scoring.shares import holds, median_interval, wilson
+from dtbacklash.scoring.shares import Counted, holds, median_interval, wilson
 
 #: a name with less certainty is an alternative
 SAID = 0.5
@@ -47,17 +47,12 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Bin:
+class Bin(Counted):
     """Names of similar certainty: its mean, how many there are, and how many are right."""
 
     certainty: float
     right: int
     of: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share that is right."""
-        return wilson(self.right, self.of)
 
 
 @dataclass(frozen=True)
@@ -132,16 +127,16 @@ def score(tool: str, truths: Sequence[Truth], answers: Answers, ratios: Mapping[
     truths : of the cases that it worked on. ratios : case -> :func:`error_ratio` of its prediction.
     """
     judged = [Judged(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
-    groups: dict[str, Callable[[Truth], bool]] = {"all": lambda t: True}
-    for split in dict.fromkeys(t.split for t in truths):
-        groups[split] = lambda t, split=split: t.split == split  # type: ignore[misc]
-    for kind in dict.fromkeys(t.kind for t in truths):
-        groups[kind] = lambda t, kind=kind: t.kind == kind  # type: ignore[misc]
-    groups["clean"], groups["lifelike"] = (lambda t: not t.lifelike and t.kind != "real"), lambda t: t.lifelike
-    for machine in dict.fromkeys(t.machine for t in truths if t.kind != "real"):
-        groups[machine] = lambda t, machine=machine: t.machine == machine  # type: ignore[misc]
-    figures = [f for name, member in groups.items() for f in figures_of([j for j in judged if member(j.truth)], name)]
+    every = [*(t.split for t in truths), *(t.kind for t in truths)]
+    groups = dict.fromkeys(["all", *every, "clean", "lifelike", *(t.machine for t in truths if t.kind != "real")])
+    figures = [f for name in groups for f in figures_of([j for j in judged if name in _groups_of(j.truth)], name)]
     return Score(tool, len(truths), figures, reliability(judged), answers.problems)
+
+
+def _groups_of(truth: Truth) -> set[str]:
+    """The groups whose figures count a case."""
+    made = "lifelike" if truth.lifelike else "real" if truth.kind == "real" else "clean"
+    return {"all", truth.split, truth.kind, made, truth.machine}
 
 
 def figures_of(judged: Sequence[Judged], group: str) -> list[Figure]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dtbacklash.fmu.description import Model
 from dtbacklash.fmu.interface import INPUT, OUTPUT, PARAMETER, Variable
-from dtbacklash.fmu.library import own, source_of, token_of, write_fmu
+from dtbacklash.fmu.library import read_source, source_of, token_of, write_fmu
 
 
 def variables(half_gap_rad: float) -> list[Variable]:
@@ -35,6 +35,6 @@ def write_controller(
     ------
     UserError : see :func:`.library.write_fmu`.
     """
-    slave = source + own("controller.c")
+    slave = source + read_source("controller.c")
     model = Model(name, about, token_of(slave), variables(half_gap_rad), sample_time_s)
     write_fmu(model, source_of(slave, model.token, version), {}, version, path, shown)

@@ -24,7 +24,7 @@ PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
 LIBRARY = {"Linux": ".so", "Darwin": ".dylib", "Windows": ".dll"}
 
 
-def own(name: str) -> str:
+def read_source(name: str) -> str:
     """A C file of this package."""
     return files("dtbacklash.fmu").joinpath(name).read_text(encoding="utf-8")
 
@@ -36,7 +36,9 @@ def token_of(*texts: str) -> str:
 
 def source_of(slave: str, token: str, version: int) -> str:
     """The C file of an FMU: a slave within the functions of FMI. version : of FMI, 2 or 3."""
-    return "\n".join([f'#define FMI {version}\n#define TOKEN "{token}"', own("fmi.h"), slave, own("fmi.c")])
+    return "\n".join(
+        [f'#define FMI {version}\n#define TOKEN "{token}"', read_source("fmi.h"), slave, read_source("fmi.c")]
+    )
 
 
 def write_fmu(

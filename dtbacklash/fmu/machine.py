@@ -20,7 +20,7 @@ from dtbacklash.core.library import ffi
 from dtbacklash.errors import UserError
 from dtbacklash.fmu.description import Model
 from dtbacklash.fmu.interface import INPUT, OUTPUT, PARAMETER, Variable, identifier, values_of, variables
-from dtbacklash.fmu.library import own, source_of, token_of, write_fmu
+from dtbacklash.fmu.library import read_source, source_of, token_of, write_fmu
 from dtbacklash.fmu.recorded import Recorded, text_of
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.effects import slots
@@ -59,7 +59,7 @@ def write_machine(
     ------
     UserError : a law that is a function in C; see also :func:`.library.write_fmu`.
     """
-    slave = numbers_of(rig, sample_time_s, substeps, event_levels) + "\n" + own("machine.c")
+    slave = numbers_of(rig, sample_time_s, substeps, event_levels) + "\n" + read_source("machine.c")
     about = f"{rig.config.description or rig.config.name}. Communication steps: multiples of {sample_time_s:g} s."
     core = core_sources()
     token = token_of(slave, *core.values())

@@ -61,8 +61,7 @@ def conceal(
     folder = Path(folder).absolute()
     rig = nominal_rig(rig_name) if isinstance(rig_name, str) else rig_name
     key_file = Path(key_file) if key_file is not None else seal.key_path(folder)
-    if folder in key_file.absolute().parents:
-        raise UserError("key", key_file, f"a file outside {folder}: who gets the recordings must not get the key")
+    seal.check_apart(key_file, folder, "recordings")
     check_concealable(rig)
     check_choices(rig, kind, effect, instruments)
     key = seal.read_or_make_key(key_file)

@@ -12,7 +12,7 @@ import pandas as pd
 from dtbacklash.physics.element_kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import wilson
+from dtbacklash.scoring.shares import Counted
 
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
@@ -30,18 +30,13 @@ def family(kind: str) -> str:
 
 
 @dataclass(frozen=True)
-class Reliability:
+class Reliability(Counted):
     """How many of the names of one confidence, in one part of the rig or in ``all``, are right."""
 
     confidence: str
     family: str
     right: int
     of: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share."""
-        return wilson(self.right, self.of)
 
 
 def reliability(cases: Sequence[Case]) -> list[Reliability]:

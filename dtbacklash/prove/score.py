@@ -14,14 +14,14 @@ from dtbacklash.config import commands
 from dtbacklash.prove import rules
 from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import wilson
+from dtbacklash.scoring.shares import Counted
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise
 EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))
 
 
 @dataclass(frozen=True)
-class Share:
+class Share(Counted):
     """A share: ``right`` of ``of``, and the range ``bar`` that it should lie in.
 
     every_right, every_of : the same over all cases, where ``right`` and ``of`` count clear cases only.
@@ -39,11 +39,6 @@ class Share:
     def share(self) -> float:
         """The share, or NaN of nothing."""
         return self.right / self.of if self.of else math.nan
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share."""
-        return wilson(self.right, self.of)
 
     @property
     def met(self) -> bool | None:

@@ -63,6 +63,15 @@ def _cipher(key: bytes, path: Path) -> Fernet:
         raise UserError("key", path, "holds no key; it is the file that `dtb conceal` has written") from None
 
 
+def check_apart(key_file: Path, folder: Path, what: str) -> None:
+    """Refuse a key that lies in the folder that is handed out. what : is in it.
+
+    Raises UserError.
+    """
+    if folder.resolve() in key_file.resolve().parents:
+        raise UserError("key", key_file, f"a file outside {folder}: who gets the {what} must not get the key")
+
+
 def seal(secret: Secret, recording: bytes, key: bytes) -> dict[str, str]:
     """Seal a secret with the recording that it belongs to; returns the content of ``sealed.json``."""
     return seal_text(secret.to_json(), recording, key, secrets.token_hex(32))

@@ -22,6 +22,18 @@ def wilson(right: int, of: int) -> tuple[float, float]:
     return (0.0 if right == 0 else middle - half), (1.0 if right == of else middle + half)
 
 
+class Counted:
+    """Something of which ``right`` of ``of`` are right."""
+
+    right: int
+    of: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share."""
+        return wilson(self.right, self.of)
+
+
 def median_interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Median and its distribution-free 95 % interval by order statistics; NaN of nothing.
 

@@ -92,7 +92,7 @@ class CandidateSensitivities:
         asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
         falls = len(asked) if bounded or every else FALLS
-        made = spread(lambda those: self._in_order(those, gains, coarse_e0, falls), _by_size(asked))
+        made = spread(lambda those: self._in_order(those, gains, coarse_e0, falls), _by_delay(asked))
         found = {h: columns for those in made for h, columns in those if columns}
         del made
         columns, first = np.empty((sum(len(c) for c in found.values()), data)), 0
@@ -113,6 +113,8 @@ class CandidateSensitivities:
         for h in those:
             columns = attempt(self._made, h, gains, coarse_e0)
             made.append((h, columns))
+            if len(those) == 1:  # nothing that is later follows
+                break
             gain = self._gain(columns[0]) if columns else -np.inf
             fell, best = (fell + 1, best) if gain < best else (0, gain)
             if fell == falls:
@@ -405,7 +407,7 @@ class CandidateSensitivities:
         return sorted(best.values(), key=lambda p: -p.gain)
 
 
-def _by_size(asked: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
+def _by_delay(asked: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
     """Hypotheses together that differ by how late a signal is, least first; each other for itself.
 
     A small play or friction may explain nothing where a large one is there.

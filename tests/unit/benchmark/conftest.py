@@ -1,7 +1,5 @@
 """A benchmark of three cases, written by hand."""
 
-import json
-
 import pytest
 
 from dtbacklash.benchmark.files import data_text
@@ -45,7 +43,3 @@ def answers(tmp_path):
         return folder
 
     return write
-
-
-def as_json(path):
-    return json.loads(path.read_text(encoding="utf-8"))

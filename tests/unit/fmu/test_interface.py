@@ -9,7 +9,7 @@ import pytest
 from dtbacklash.api.rigs import load_rig
 from dtbacklash.fmu.description import SOURCE
 from dtbacklash.fmu.interface import INPUT, OUTPUT, PARAMETER, base_unit, identifier, variables
-from dtbacklash.fmu.library import own, source_of
+from dtbacklash.fmu.library import read_source, source_of
 from dtbacklash.fmu.machine import core_sources, numbers_of
 
 BACKLASH = "rig.effects.gear.backlash.half_gap=0.2"
@@ -78,7 +78,7 @@ def test_the_source_compiles_beside_those_of_the_core(version, tmp_path):
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no cc")
-    slave = numbers_of(load_rig("lead_screw", BACKLASH), 1e-3, 0, 16) + own("machine.c")
+    slave = numbers_of(load_rig("lead_screw", BACKLASH), 1e-3, 0, 16) + read_source("machine.c")
     sources = core_sources()
     assert SOURCE not in sources
     for name, text in {**sources, SOURCE: source_of(slave, "token", version)}.items():
