@@ -81,7 +81,7 @@ class CandidateSensitivities:
         base = problem.residuals(x, gains)
         assert base is not None
         data = problem.innovation_rows
-        jacobian = np.zeros((len(base), 0)) if alone else problem.jacobian(x, gains, base)
+        jacobian = np.zeros((len(base), 0)) if alone else problem.step_jacobian(x, gains, base)
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         self._set_base(base, jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12], data)
         # coarse steps will do for what a law adds: they err alike with it and without it

@@ -5,6 +5,7 @@ at given sizes, then the sizes by likelihood. At the sizes that a wrong rig need
 fit stops beside the optimum: so values are fitted first at smaller sizes (a ladder), and what is likelier is kept.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -39,7 +40,7 @@ LADDER = (0.1, 0.1, 0.1, 1.0)
 STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
-#: a fit ends where a step brings less (share of the sum of squares; sum of squares)
+#: a fit ends where a step promises or brings less (share of the sum of squares; sum of squares)
 ENOUGH = 1e-4, 20.0
 
 
@@ -177,6 +178,19 @@ class FitProblem:
             J[:, j] = column
         return J
 
+    def step_jacobian(
+        self, x: Floats, gains: Sequence[Gains], rows: Floats, kept: Floats | None = None,
+        near: dict[str, Floats] | None = None,
+    ) -> Floats:  # fmt: skip
+        """The Jacobian of a step or a comparison, by coarse steps: they err alike at both ends of a difference."""
+        rough, coarse = self, self.segments.coarse
+        if coarse is not self.segments:
+            rough = copy.copy(self)
+            rough.segments = coarse
+            own = rough.residuals(x, gains)
+            rough, rows = (self, rows) if own is None else (rough, own)
+        return rough.jacobian(x, gains, rows, kept, near)
+
     @property
     def dear(self) -> bool:
         """Whether passes are those of a simulator's model, and what it shows is its state."""
@@ -225,17 +239,20 @@ class FitProblem:
             return x, float(rows @ rows)
         turn, cut, own = 0, 0, [f.prior and f.recording is not None and not f.is_zero for f in self.free]
         while turn - cut < steps:
-            J = self.jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
+            J = self.step_jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
             gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
             taken: tuple[Floats, Floats] | None = None
-            for _ in range(5):
+            least = min(ENOUGH[0] * here, ENOUGH[1])
+            for attempted in range(5):
                 try:
-                    step = -np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
+                    step = _step_in_box(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
                 except np.linalg.LinAlgError:
                     return x, here
-                there = self.residuals(x + np.clip(step, -STEP_MAX, STEP_MAX), gains)
+                if not attempted and -float(2.0 * side @ step + step @ gram @ step) < least:
+                    break  # the fall that it promises
+                there = self.residuals(x + step, gains)
                 if there is not None and there @ there < here:
-                    taken = x + np.clip(step, -STEP_MAX, STEP_MAX), there
+                    taken = x + step, there
                     break
                 damping = max(8.0 * damping, 1e-3)
             if taken is None:
@@ -244,7 +261,7 @@ class FitProblem:
             cut += cut < steps and bool((np.abs(taken[0] - x)[own] >= STEP_MAX).any())
             turn += 1
             (x, rows), damping = taken, damping / 8.0
-            if here - rows @ rows < min(ENOUGH[0] * here, ENOUGH[1]):
+            if here - rows @ rows < least:
                 break
         return x, float(rows @ rows)
 
@@ -308,6 +325,23 @@ class FitProblem:
             if best is None or loss < best[0]:
                 better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
         return None if best is None else self.model(*best[1:])
+
+
+def _step_in_box(gram: Floats, side: Floats) -> Floats:
+    """The least of the quadratic model where no step is longer than ``STEP_MAX``: what is too long stays at the end.
+
+    Raises LinAlgError where the model is singular.
+    """
+    step, free = np.zeros(len(side)), np.ones(len(side), dtype=bool)
+    while free.any():
+        held = gram[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.solve(gram[np.ix_(free, free)], side[free] + held)
+        long = free & (np.abs(step) > STEP_MAX)
+        if not long.any():
+            break
+        step[long] = np.clip(step[long], -STEP_MAX, STEP_MAX)
+        free &= ~long
+    return step
 
 
 def without_name(segments: Segments, model: FittedModel, key: Key) -> FittedModel:

@@ -19,7 +19,7 @@ from dtbacklash.physics.simulate import rig_half_gap
 
 #: substeps of a sample, and levels to which an event is located, where forces act beside the linear plant; the fine
 #: ones where that matters, and for an averaged sample, which stands for several
-STEPS, STEPS_FINE = (2, 6), (8, 10)
+STEPS, STEPS_FINE = (2, 10), (8, 10)
 #: a late sensor's readings are moved by whole samples; less than this is left to the simulation (samples)
 ROUNDING = 1e-6
 #: a state is moved by so much to see what sensors show of it
