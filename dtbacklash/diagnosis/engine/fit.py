@@ -42,6 +42,8 @@ STEP_MAX = 1.0
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step promises or brings less (share of the sum of squares; sum of squares)
 ENOUGH = 1e-4, 20.0
+#: a Jacobian serves on by its secants while falls are as promised, within this share
+TRUSTED = 0.5
 
 
 @dataclass(frozen=True)
@@ -154,20 +156,15 @@ class FitProblem:
         return np.zeros_like(rows)
 
     def jacobian(
-        self, x: Floats, gains: Sequence[Gains], rows: Floats, kept: Floats | None = None,
-        near: dict[str, Floats] | None = None,
-    ) -> Floats:  # fmt: skip
-        """(rows, free). kept : an earlier one whose nominal columns are used again. near : nominal columns of another
-        rig nearby, by title, without the rows beside."""
-        J = np.zeros((len(rows), len(self.free))) if kept is None else kept.copy()
+        self, x: Floats, gains: Sequence[Gains], rows: Floats, near: dict[str, Floats] | None = None
+    ) -> Floats:
+        """(rows, free). near : nominal columns of another rig nearby, by title, without the rows beside."""
+        J = np.zeros((len(rows), len(self.free)))
         data, asked = self.innovation_rows, []
-        if near is None and kept is None and self.dear:
+        if near is None and self.dear:
             near = self.leads(x, gains)
         for j, f in enumerate(self.free):
-            if f.prior and kept is not None:
-                continue
             if f.prior and near is not None and (f.title in near or not self.dear):
-                J[:, j] = 0.0
                 if f.title in near:
                     J[:data, j] = near[f.title]
                 J[data + j, j] = self.weights[j]
@@ -179,9 +176,8 @@ class FitProblem:
         return J
 
     def step_jacobian(
-        self, x: Floats, gains: Sequence[Gains], rows: Floats, kept: Floats | None = None,
-        near: dict[str, Floats] | None = None,
-    ) -> Floats:  # fmt: skip
+        self, x: Floats, gains: Sequence[Gains], rows: Floats, near: dict[str, Floats] | None = None
+    ) -> Floats:
         """The Jacobian of a step or a comparison, by coarse steps: they err alike at both ends of a difference."""
         rough, coarse = self, self.segments.coarse
         if coarse is not self.segments:
@@ -189,7 +185,7 @@ class FitProblem:
             rough.segments = coarse
             own = rough.residuals(x, gains)
             rough, rows = (self, rows) if own is None else (rough, own)
-        return rough.jacobian(x, gains, rows, kept, near)
+        return rough.jacobian(x, gains, rows, near)
 
     @property
     def dear(self) -> bool:
@@ -232,37 +228,43 @@ class FitProblem:
         except (UserError, np.linalg.LinAlgError):
             return x, np.inf
         rows, damping = self.residuals(x, gains), 1e-3
-        J: Floats | None = None
         if rows is None:
             return x, np.inf
         if not self.free:
             return x, float(rows @ rows)
+        J, fresh = self.step_jacobian(x, gains, rows, near), near is None
         turn, cut, own = 0, 0, [f.prior and f.recording is not None and not f.is_zero for f in self.free]
         while turn - cut < steps:
-            J = self.step_jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
             gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
             taken: tuple[Floats, Floats] | None = None
-            least = min(ENOUGH[0] * here, ENOUGH[1])
+            least, promised = min(ENOUGH[0] * here, ENOUGH[1]), 0.0
             for attempted in range(5):
                 try:
                     step = _step_in_box(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
                 except np.linalg.LinAlgError:
                     return x, here
-                if not attempted and -float(2.0 * side @ step + step @ gram @ step) < least:
-                    break  # the fall that it promises
+                promised = -float(2.0 * side @ step + step @ gram @ step)
+                if not attempted and promised < least:
+                    return x, here
                 there = self.residuals(x + step, gains)
                 if there is not None and there @ there < here:
-                    taken = x + step, there
+                    taken = step, there
                     break
                 damping = max(8.0 * damping, 1e-3)
-            if taken is None:
+            if taken is None and fresh:
                 break
-            # what is one recording's own is hardly known: a step of it that is cut short is on its way still
-            cut += cut < steps and bool((np.abs(taken[0] - x)[own] >= STEP_MAX).any())
-            turn += 1
-            (x, rows), damping = taken, damping / 8.0
-            if here - rows @ rows < least:
-                break
+            if taken is not None:
+                # what is one recording's own is hardly known: a step of it that is cut short is on its way still
+                cut += cut < steps and bool((np.abs(taken[0])[own] >= STEP_MAX).any())
+                turn += 1
+                fall = here - float(taken[1] @ taken[1])
+                J += _secant(gram, taken[1] - rows - J @ taken[0], taken[0])
+                x, rows, damping = x + taken[0], taken[1], damping / 8.0
+                if fall < least:
+                    break
+                fresh = False
+            if turn - cut < steps and (taken is None or abs(fall - promised) > TRUSTED * promised):
+                J, fresh = self.step_jacobian(x, gains, rows), True
         return x, float(rows @ rows)
 
     def solved(self, sizes: Sizes, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
@@ -342,6 +344,15 @@ def _step_in_box(gram: Floats, side: Floats) -> Floats:
         step[long] = np.clip(step[long], -STEP_MAX, STEP_MAX)
         free &= ~long
     return step
+
+
+def _secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
+    """What is to be added to a Jacobian that missed the change of a step by so much.
+
+    Broyden, Math. Comp. 19 (1965) 577, with parameters in the units in which each does the same.
+    """
+    scaled = (np.diag(gram) + 1e-9) * step
+    return np.outer(missed, scaled / float(scaled @ step))
 
 
 def without_name(segments: Segments, model: FittedModel, key: Key) -> FittedModel:

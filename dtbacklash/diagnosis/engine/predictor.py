@@ -96,10 +96,10 @@ class Predictor:
         return other
 
     def stepping(self, finely: bool) -> "Predictor":
-        """The same, simulated in fine steps or not; a sample that stands for several stays as it is."""
+        """The same, simulated in fine steps or not."""
         other = copy.copy(self)
         other.simulated = copy.copy(self.simulated)
-        other.simulated.finely = finely or (self.simulated.finely and self.readings.every > 1)
+        other.simulated.finely = finely
         return other
 
     def _rough_speed(self, rig: Rig) -> Floats:

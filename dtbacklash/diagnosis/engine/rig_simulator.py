@@ -18,7 +18,7 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import rig_half_gap
 
 #: substeps of a sample, and levels to which an event is located, where forces act beside the linear plant; the fine
-#: ones where that matters, and for an averaged sample, which stands for several
+#: ones where that matters
 STEPS, STEPS_FINE = (2, 10), (8, 10)
 #: a late sensor's readings are moved by whole samples; less than this is left to the simulation (samples)
 ROUNDING = 1e-6
@@ -89,7 +89,7 @@ class Simulated:
     """The compiled rig on one stretch of a recording: a :class:`.simulator.Simulator`."""
 
     def __init__(self, readings: Samples, finely: bool = False) -> None:
-        self.readings, self.finely = readings, finely or readings.every > 1
+        self.readings, self.finely = readings, finely
 
     def on(self, readings: Samples) -> "Simulated":
         """The same on other readings."""

@@ -138,7 +138,7 @@ class Segments:
     @property
     def coarse(self) -> "Segments":
         """The same, not simulated in fine steps; itself where it is not."""
-        if not any(p.simulated.finely and p.readings.every == 1 for p in self.predictors):
+        if not any(p.simulated.finely for p in self.predictors):
             return self
         return replace(self, predictors=tuple(p.stepping(finely=False) for p in self.predictors))
 
