@@ -5,7 +5,7 @@ compared on one Gram matrix, singles and pairs, in milliseconds. A law whose eff
 counts as it is; a table is held back in how it bends as far as the evidence says.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -65,12 +65,12 @@ class CandidateSensitivities:
 
     ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
     bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is. every :
-    those with a later signal as well, where a less late one explains more.
+    those with a later signal as well, where a less late one explains more. only : no other names.
     """
 
     def __init__(
         self, segments: Segments, model: FittedModel, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
-        alone: bool = False, bounded: bool = False, every: bool = False,
+        alone: bool = False, bounded: bool = False, every: bool = False, only: Collection[Key] | None = None,
     ) -> None:  # fmt: skip
         self.segments, self.rig, self.log_n = segments, model.rig, float(np.log(segments.count))
         gains = segments.gains(model.rig, sizes)
@@ -91,6 +91,7 @@ class CandidateSensitivities:
             self._coarse, coarse_e0 = segments, base[:data]
         asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
+        asked = [h for h in asked if only is None or h.key in only]
         falls = len(asked) if bounded or every else FALLS
         made = spread(lambda those: self._in_order(those, gains, coarse_e0, falls), _by_delay(asked))
         found = {h: columns for those in made for h, columns in those if columns}

@@ -36,6 +36,8 @@ LEAST = 60.0
 CLOSER = 0.5
 #: the beginning of a recording on which quick fits are made
 SHARE = 1.0 / 3.0
+#: so many names that the beginning says most for are looked at on all
+PROMISING = 12
 #: slots that make a signal late: of a slow motion one is nearly the other
 LATE = (Filter, Late)
 #: sizes at which columns are looked at as well while much is unknown (shares)
@@ -208,14 +210,14 @@ class StepwiseSelection:
             else:
                 at = self.segments.of_first(model.sizes) if segments is self.quick else model.sizes
                 columns = attempt(
-                    CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone
-                )
+                    CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone,
+                    only=None if segments is self.quick else self._promising(model),
+                )  # fmt: skip
             if columns is None:
                 continue
             ranked = columns.ranked
             if share == 1.0 and not quick:
-                for p in ranked:
-                    self.gains.setdefault(p.keys[0], p.gain * self.segments.count / segments.count)
+                self._note_gains(ranked, segments)
                 self.apart = columns.differing() if len(segments.recordings) > 1 else []
             ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.min_gain * segments.count]
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
@@ -233,6 +235,20 @@ class StepwiseSelection:
                 if (rig := attempt(p.put, model.rig)) is not None:
                     found.append((rig, (*model.keys, *(h.key for h, _ in p.parts))))
         return found
+
+    def _promising(self, model: FittedModel) -> set[Key] | None:
+        """Names that the beginning says most for, alone and in pairs; None, all of them, where recordings may differ."""
+        first = self._on_beginning(model)[-1] if len(self.segments.recordings) == 1 else None
+        if first is None:
+            return None
+        self._note_gains(first.ranked, self.quick)
+        pairs = first.pairs(first.ranked[:5])[:PROMISING]
+        return {p.keys[0] for p in first.ranked[:PROMISING]} | {key for p in pairs for key in p.keys}
+
+    def _note_gains(self, ranked: Sequence[Proposal], segments: Segments) -> None:
+        """Keep what the column of each name promises, as if on all."""
+        for p in ranked:
+            self.gains.setdefault(p.keys[0], p.gain * self.segments.count / segments.count)
 
     def alternatives_to(self, less: FittedModel, key: Key, best: int = 3) -> list[FittedModel]:
         """The likeliest others in the place of a name of the model; less : the model without it, fitted anew.
