@@ -13,16 +13,13 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt
-from dtbacklash.diagnosis.engine.efforts import SMALL, Entry, efforts
-from dtbacklash.diagnosis.engine.filter import answers
+from dtbacklash.diagnosis.engine.columns import ColumnMaker, by_delay
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.parameters import Key
-from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
 from dtbacklash.diagnosis.parallel import spread
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.table import STATES, bends
 from dtbacklash.physics.rig import Rig
 
@@ -75,7 +72,6 @@ class CandidateSensitivities:
         self.segments, self.rig, self.log_n = segments, model.rig, float(np.log(segments.count))
         gains = segments.gains(model.rig, sizes)
         motion = self.motion = motion_of(segments, model.rig, gains)
-        self.plants = [p.simulated.linear(model.rig) for p in segments.predictors]
         problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
         x = problem.start()
         base = problem.residuals(x, gains)
@@ -84,16 +80,12 @@ class CandidateSensitivities:
         jacobian = np.zeros((len(base), 0)) if alone else problem.step_jacobian(x, gains, base)
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         self._set_base(base, jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12], data)
-        # coarse steps will do for what a law adds: they err alike with it and without it
-        self._coarse = segments.coarse
-        coarse_e0 = base[:data] if self._coarse is segments else self._coarse.residuals(problem.rig(x), gains)
-        if coarse_e0 is None:
-            self._coarse, coarse_e0 = segments, base[:data]
+        make = ColumnMaker(segments, problem.rig(x), gains, motion, base[:data])
         asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
         asked = [h for h in asked if only is None or h.key in only]
         falls = len(asked) if bounded or every else FALLS
-        made = spread(lambda those: self._in_order(those, gains, coarse_e0, falls), _by_delay(asked))
+        made = spread(lambda those: self._in_order(those, make, falls), by_delay(asked))
         found = {h: columns for those in made for h, columns in those if columns}
         del made
         columns, first = np.empty((sum(len(c) for c in found.values()), data)), 0
@@ -107,12 +99,12 @@ class CandidateSensitivities:
         self.ranked = self._ranked()
 
     def _in_order(
-        self, those: Sequence[Hypothesis], gains: Sequence[Gains], coarse_e0: Floats, falls: int
+        self, those: Sequence[Hypothesis], make: ColumnMaker, falls: int
     ) -> list[tuple[Hypothesis, list[Floats] | None]]:
         """The columns of a signal that is later and later, until so many in a row explain less than one before."""
         made, best, fell = [], 0.0, 0
         for h in those:
-            columns = attempt(self._made, h, gains, coarse_e0)
+            columns = attempt(make.columns, h)
             made.append((h, columns))
             if len(those) == 1:  # nothing that is later follows
                 break
@@ -128,67 +120,6 @@ class CandidateSensitivities:
         cross = column @ J
         by = np.linalg.solve(gram, cross)
         return float(-2.0 * (column @ e0 - by @ side) - (column @ column - by @ cross))
-
-    def _made(self, h: Hypothesis, gains: Sequence[Gains], coarse_e0: Floats) -> list[Floats] | None:
-        """The columns of a hypothesis; None where the rig cannot have it, or it shows nowhere."""
-        known = efforts(h, self.rig, self.motion)
-        if known is not None:
-            found = list(self._answered(*known, gains))
-        elif h.effect.is_table:
-            return None
-        else:
-            simulated = self._simulated(h, gains, coarse_e0)
-            if simulated is None:
-                return None
-            found = simulated
-        with np.errstate(over="ignore"):
-            # of what it begins with: a column is per unit of a size, whose number may be large
-            begun = 1.0 if h.as_it_is or h.effect.is_table else h.values[h.effect.size.name]
-            squares = [float(c @ c) * begun**2 for c in found]
-        # a table's outer value may lie where the motion never is
-        enough = any(s > 1e-12 for s in squares) if h.effect.is_table else all(s > 1e-12 for s in squares)
-        return found if enough and np.isfinite(squares).all() else None
-
-    def _simulated(self, h: Hypothesis, gains: Sequence[Gains], coarse_e0: Floats) -> list[Floats] | None:
-        """The same by simulation with a small amount of it, or with it as it is."""
-        found, size = [], h.effect.size.name
-        for phase in (0.0, 0.5 * np.pi) if h.angle else (None,):
-            values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
-            if not h.as_it_is:
-                values[size] = per = SMALL * values[size]
-            rows = self._coarse.residuals(self.rig.with_effect(*h.key, values), gains)
-            if rows is None or not per:
-                return None
-            found.append((rows - coarse_e0) / per)
-        return found
-
-    def _answered(self, F: Floats, entry: Entry, gains: Sequence[Gains]) -> Floats:
-        """(J, rows) of efforts (J, N) by the linear plant."""
-        found, first = [], 0
-        for p, g, L in zip(self.segments.predictors, gains, self.plants, strict=True):
-            r = p.readings
-            n = len(r.u)
-            b, c = np.zeros(len(L.states)), np.zeros(len(r.channels))
-            here = F[:, first : first + n]
-            first += n
-            if entry.channel:
-                if entry.channel not in r.channels:
-                    found.append(np.zeros((len(F), r.y.size)))
-                    continue
-                c[r.channels.index(entry.channel)] = 1.0
-            if entry.drive:
-                b, c = L.drives[entry.drive]
-            if entry.voltage:
-                b, c = L.volt[1].copy(), L.volt_at_once.copy()
-            for body, factor in entry.bodies.items():
-                at = L.force(L.bodies.index(body))
-                b, c = b + factor * at[0], c + factor * at[1]
-            found.append(answers(
-                np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(g.K[1]), g.W[1],
-                r.which(g.opening, r.y), np.ascontiguousarray(here), b, c, ~r.there,
-                bool(entry.channel),
-            ))  # fmt: skip
-        return np.concatenate(found, axis=1)
 
     def _set_base(self, base: Floats, jacobian: Floats, data: int) -> None:
         """Innovations with priors (rows,), and what the base can do about them (rows, free); data : innovations."""
@@ -406,23 +337,6 @@ class CandidateSensitivities:
                 if both.keys not in best or both.gain > best[both.keys].gain:
                     best[both.keys] = both
         return sorted(best.values(), key=lambda p: -p.gain)
-
-
-def _by_delay(asked: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
-    """Hypotheses together that differ by how late a signal is, least first; each other for itself.
-
-    A small play or friction may explain nothing where a large one is there.
-    """
-    series: dict[object, list[Hypothesis]] = {}
-    for h in asked:
-        size = h.effect.size
-        others = tuple(value for name, value in h.values.items() if name != size.name)
-        late = h.as_it_is and isinstance(h.effect.slot, (slots.Late, slots.Filter))
-        series.setdefault((h.key, others) if late else h, []).append(h)
-    return [
-        sorted(those, key=lambda h: h.values[h.effect.size.name], reverse=those[0].effect.size.neutral != 0.0)
-        for those in series.values()
-    ]
 
 
 def _put(h: Hypothesis, each: Floats) -> tuple[Hypothesis, Floats]:

@@ -13,8 +13,9 @@ from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.fit import FittedModel
 from dtbacklash.diagnosis.engine.horizons import STRETCHES, paired_t
 from dtbacklash.diagnosis.engine.parameters import Key
+from dtbacklash.diagnosis.engine.proposals import STRICT
 from dtbacklash.diagnosis.engine.recording_effects import MOST, differing, freed, joined, named_apart
-from dtbacklash.diagnosis.engine.selection import STRICT, StepwiseSelection
+from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 from dtbacklash.physics.rig import Rig
 
 #: so many of the likeliest changes are fitted, of each set of columns

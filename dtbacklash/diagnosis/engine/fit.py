@@ -30,7 +30,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.table import VALUES
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import Rig
 
 #: priors of nominal parameters are so much stiffer until the last fit, or an inertia takes a law's place
 STIFF = 10.0
@@ -375,41 +375,3 @@ def as_it_stands(segments: Segments, motion: Motion, model: FittedModel) -> Fitt
     """A model at the values of its rig and the likeliest sizes, with priors as stiff as where names are compared."""
     problem = FitProblem(segments, model.rig, model.keys, motion, STIFF, model.smooth)
     return problem.model(problem.start(), *segments.tuned(model.rig, model.sizes))
-
-
-def share_of(segments: Segments, model: FittedModel, key: Key) -> float:
-    """The part that a law makes of what acts at its place, or a sensor's error of what it reads.
-
-    Rms, or a tenth of its largest where it acts rarely.
-    """
-    entry = model.rig.takes(key[0])[key[1]]
-    if entry.is_delay:
-        return np.inf
-    most = 0.0
-    try:
-        bare = taken_out(model.rig, key)
-        all_gains = segments.gains(model.rig, model.sizes)
-    except UserError:
-        return np.inf
-    except np.linalg.LinAlgError:
-        return 0.0
-    for p, gains in zip(segments.predictors, all_gains, strict=True):
-        found = p.run(model.rig, gains)
-        n, v = len(p.linear.bodies), p.linear.speed
-        gaps = sum(bool(bare.active(place, slots.JointPlay)) for place in bare.effects)
-        needs = len(p.simulated.linear(bare).states) + 2 * gaps  # with position and speed in each
-        only_gap = isinstance(entry.slot, slots.JointPlay) and not gaps
-        if found.X.shape[1] != needs + 2 * only_gap:
-            return np.inf
-        X = found.X[:, :needs]
-        if key[0].startswith(SENSOR_PREFIX):
-            there = p.simulated.shown(model.rig, found.X)
-            made, whole = there - p.simulated.shown(bare, X), there.std(axis=0)
-        else:
-            there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
-            made = there - p.simulated.onwards(bare, X)[:-1, v : v + n]
-            whole = p.force / p.linear.inertia * p.readings.sample_time_s
-        size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
-        share = size / (whole + 1e-300)
-        most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
-    return most

@@ -21,10 +21,11 @@ from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.predictor import Predictor
+from dtbacklash.diagnosis.engine.proposals import STRICT
 from dtbacklash.diagnosis.engine.resampling import readings
 from dtbacklash.diagnosis.engine.rig_simulator import Simulated
 from dtbacklash.diagnosis.engine.segments import Segments, Sizes
-from dtbacklash.diagnosis.engine.selection import LEAST, STRICT
+from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find

@@ -7,11 +7,10 @@ import pytest
 from nominal import nominal_rig
 from scipy.signal import cont2discrete, lfilter
 
-from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.columns import ColumnMaker
 from dtbacklash.diagnosis.engine.efforts import Entry, efforts
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
-from dtbacklash.diagnosis.engine.predictor import Gains
 from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
@@ -25,29 +24,22 @@ NEAR = 0.05
 
 
 @cache
-def along(name: str, every: int) -> tuple[CandidateSensitivities, list[Hypothesis], list[Gains], np.ndarray]:
-    """What makes columns, all hypotheses, gains and innovations of a nominal rig's own recording."""
+def along(name: str, every: int) -> tuple[ColumnMaker, list[Hypothesis]]:
+    """What makes columns, and all hypotheses, of a nominal rig's own recording."""
     rig, u = nominal_rig(name), command(8.0 * min(every, 2), RMS[name])
     segments = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
     gains = segments.gains(rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), 0.1))
-    columns = object.__new__(CandidateSensitivities)
-    columns.segments, columns._coarse, columns.rig, columns.motion = (
-        segments,
-        segments,
-        rig,
-        motion_of(segments, rig, gains),
-    )
-    columns.plants = [segments.linear]
-    return columns, list(hypotheses(segments, rig, columns.motion)), gains, segments.residuals(rig, gains)
+    make = ColumnMaker(segments, rig, gains, motion_of(segments, rig, gains), segments.residuals(rig, gains))
+    return make, list(hypotheses(segments, rig, make.motion))
 
 
 def apart(name: str, every: int, place: str, effect: str) -> float:
     """How far a column by efforts is from the simulated one, of its norm: the largest of a law's first columns."""
-    columns, offered, gains, e0 = along(name, every)
+    make, offered = along(name, every)
     h = next(h for h in offered if h.key == (place, effect) and not h.as_it_is)
-    known = efforts(h, columns.rig, columns.motion)
+    known = efforts(h, make.rig, make.motion)
     assert known is not None
-    found = list(zip(columns._answered(*known, gains), columns._simulated(h, gains, e0), strict=True))
+    found = list(zip(make.answered(*known), make.simulated(h), strict=True))
     return max(float(np.linalg.norm(ours - made) / np.linalg.norm(made)) for ours, made in found)
 
 
@@ -82,22 +74,22 @@ def test_a_law_between_two_bodies_is_the_simulated_one(effect, every):
 
 
 def test_an_effort_of_the_wrong_sign_or_much_too_late_would_be_seen():
-    columns, offered, gains, e0 = along("two_mass_stage", 1)
+    make, offered = along("two_mass_stage", 1)
     h = next(h for h in offered if h.key == ("carriage", "viscous_friction"))
-    F, where = efforts(h, columns.rig, columns.motion)
-    (made,) = columns._simulated(h, gains, e0)
+    F, where = efforts(h, make.rig, make.motion)
+    (made,) = make.simulated(h)
     for wrong in (-F, 1.1 * F, np.roll(F, 40, axis=1)):
-        (ours,) = columns._answered(wrong, where, gains)
+        (ours,) = make.answered(wrong, where)
         assert np.linalg.norm(ours - made) > NEAR * np.linalg.norm(made)
 
 
 def test_efforts_enter_where_their_places_act():
-    columns, offered, _, _ = along("two_mass_stage", 1)
+    make, offered = along("two_mass_stage", 1)
     entries = {}
     for h in offered:
-        known = efforts(h, columns.rig, columns.motion)
+        known = efforts(h, make.rig, make.motion)
         if known is not None:
-            assert known[0].shape == (2 if h.angle else 1, len(columns.motion.command))
+            assert known[0].shape == (2 if h.angle else 1, len(make.motion.command))
             entries[h.key] = known[1]
     for (place, name), entry in entries.items():
         if place.startswith(SENSOR_PREFIX):
@@ -113,9 +105,9 @@ def test_efforts_enter_where_their_places_act():
 
 def test_what_is_no_effort_over_states_is_left_to_the_simulation():
     """A law as it is may change the motion; but that of the command is not over the motion."""
-    columns, offered, _, _ = along("pendulum", 1)
+    make, offered = along("pendulum", 1)
     for h in offered:
-        known = efforts(h, columns.rig, columns.motion)
+        known = efforts(h, make.rig, make.motion)
         if isinstance(h.effect.slot, slots.Command):
             assert known is not None, h.key
         elif h.as_it_is or h.effect.is_delay:
@@ -124,11 +116,11 @@ def test_what_is_no_effort_over_states_is_left_to_the_simulation():
 
 def test_an_absorber_is_a_filter_by_tustins_rule():
     """The force of a hidden mass: as SciPy discretises and filters its transfer function."""
-    columns, _, _, _ = along("two_mass_stage", 1)
-    motion, w, ratio = columns.motion, 2.0 * np.pi * 17.0, 0.02
-    absorber = find(columns.rig.kind_at("table"), "absorber", "table")
+    make, _ = along("two_mass_stage", 1)
+    motion, w, ratio = make.motion, 2.0 * np.pi * 17.0, 0.02
+    absorber = find(make.rig.kind_at("table"), "absorber", "table")
     h = Hypothesis("table", absorber, {"mass": 0.3, "frequency": 17.0, "damping_ratio": ratio}, False)
-    force, entry = efforts(h, columns.rig, motion)
+    force, entry = efforts(h, make.rig, motion)
     b, a, _ = cont2discrete(([2.0 * ratio * w, w * w], [1.0, 2.0 * ratio * w, w * w]), motion.step_s, "bilinear")
     expected = -lfilter(np.ravel(b), a, motion.acceleration["table"])
     assert force[0] == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())

@@ -19,6 +19,7 @@ from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 import dtbacklash as dtb
 from dtbacklash.api.rigs import load_rig
 from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.columns import ColumnMaker
 from dtbacklash.diagnosis.engine.efforts import efforts
 from dtbacklash.diagnosis.engine.fit import FitProblem
 from dtbacklash.diagnosis.engine.motion import motion_of
@@ -324,11 +325,12 @@ def test_columns_by_the_linear_part_are_those_of_passes(either):
         j = [f.title for f in problem.free].index(title)
         exact = problem.sensitivity(j, x, gains, rows)[: problem.innovation_rows]
         assert np.linalg.norm(near - exact) < 0.02 * np.linalg.norm(exact)
+    make = ColumnMaker(segments, either, gains, columns.motion, rows[: problem.innovation_rows])
     for h, _ in columns.hypotheses:
         small = isinstance(h.effect.slot, Passing) and not h.as_it_is
         if efforts(h, either, columns.motion) is None or (isinstance(h.effect.slot, Contact) and not small):
             continue  # a friction that is large holds, which no effort does
-        near, exact = (made(h, gains, rows[: problem.innovation_rows]) for made in (columns._made, columns._simulated))
+        near, exact = make.columns(h), make.simulated(h)
         for one, other in zip(near, exact, strict=True):
             # what has a kink has it where the predicted motion has: a little elsewhere
             cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)

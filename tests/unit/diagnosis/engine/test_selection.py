@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
+from dtbacklash.diagnosis.engine import proposals
 from dtbacklash.diagnosis.engine import selection as searching
-from dtbacklash.diagnosis.engine.fit import FittedModel, share_of
+from dtbacklash.diagnosis.engine.fit import FittedModel
+from dtbacklash.diagnosis.engine.screening import idle_laws, share_of
 from dtbacklash.diagnosis.engine.segments import Segments
 from dtbacklash.diagnosis.engine.selection import StepwiseSelection, described
 from dtbacklash.errors import UserError
@@ -81,18 +83,18 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     search, model = searched("friction")
     # friction takes what it holds of what a volt's torque makes: a good part
     assert 0.05 < share_of(search.segments, model, COULOMB) < 2.0
-    assert not search.idle(model)
+    assert not idle_laws(search, model)
     faint = replace(model, rig=model.rig.with_effect(*COULOMB, {"torque": 1e-3}))
     assert share_of(search.segments, faint, COULOMB) == pytest.approx(
         share_of(search.segments, model, COULOMB) * 1e-3 / 0.02, rel=0.1
     )
     # beside what stays unknown: nothing, and a tenth of what moves it
-    assert not search.idle(faint)
+    assert not idle_laws(search, faint)
     most = 0.1 / search.unknown(faint)
     much = replace(faint, sizes=search.segments.scaled(faint.sizes, most))
-    assert search.idle(much) == (COULOMB,)
+    assert idle_laws(search, much) == (COULOMB,)
     rules, search.rules = search.rules, replace(search.rules, min_effect=0.5 * share_of(search.segments, much, COULOMB))
-    assert not search.idle(much)
+    assert not idle_laws(search, much)
     search.rules = rules
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))
     assert share_of(search.segments, late, ("sensor_theta", "delay")) == np.inf
@@ -143,9 +145,10 @@ def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
         asked.append((segments, sizes))
         return columns(segments, model, sizes, *rest, **named)
 
-    monkeypatch.setattr(searching, "CandidateSensitivities", spy)
-    search.proposals(search.nothing)
-    search.proposals(search.nothing, quick=True)
+    for module in (searching, proposals):
+        monkeypatch.setattr(module, "CandidateSensitivities", spy)
+    proposals.propose(search, search.nothing)
+    proposals.propose(search, search.nothing, quick=True)
     quick = [sizes for seen, sizes in asked if seen is search.quick]
     assert len(quick) >= 2
     noise = search.nothing.sizes[1][1:]
