@@ -15,6 +15,7 @@
 #include "estimate.c"
 #include "wrong_model.c"
 #include "guard.c"
+#include "adaptation.c"
 #include "indexes.c"
 #include "loop.c"
 #include "exponential.c"

@@ -13,6 +13,7 @@
 #include "twin.h"
 #include "control.h"
 #include "loop.h"
+#include "adaptation.h"
 #include "external.h"
 
 /* For a function that is called with a constant size, so that its loops are unrolled. */

@@ -88,7 +88,7 @@ static void pseudo_invert(int64_t n, int64_t stride, double *A, double least)
 /* Blocks of half the observer's memory, of so many samples. */
 static Blocks blocks_of(const TwinModel *model, int64_t counted)
 {
-    int64_t memory = (int64_t)floor(2.0 / (model->pole * model->sample_time) + 0.5);
+    int64_t memory = (int64_t)nearbyint(2.0 / (model->pole * model->sample_time));
     int64_t most = least_of(memory, counted / 4), length = most > 1 ? most : 1;
 
     return (Blocks){length, counted / length, counted % length, 0.0, 0.0};

@@ -14,7 +14,7 @@ static bool impossible(const GuardSettings *ask, double gap)
 static double contact_travel(const TwinProblem *problem, const GapEstimate *e)
 {
     const TwinBuffer *in = &problem->data;
-    int64_t memory = (int64_t)floor(4.0 / (problem->model->pole * problem->model->sample_time) + 0.5);
+    int64_t memory = (int64_t)nearbyint(4.0 / (problem->model->pole * problem->model->sample_time));
     double theta_d = e->theta_d0, total = 0.0;
 
     for (int64_t k = 0; k < in->samples; k++) {

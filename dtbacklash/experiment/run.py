@@ -259,7 +259,9 @@ def _segments(
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
         before_k = k
-        k, why = machine.run(inputs, traces, which, k, stop, twin.in_force, limits, before)
+        k, why = machine.run(inputs, traces, which, k, stop, twin.in_force.segment, limits, before)
+        if listening and k > before_k + 1:
+            twin.rejected = False  # the index has been low meanwhile
         if why == loop.DIVERGED:
             far = f"{OPEN_LOOP_RATIO:g} times " if design is None else ""
             what = f"|q3| above {far}solver.divergence_mm={config.solver.divergence_mm:g} mm"
