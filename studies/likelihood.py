@@ -29,14 +29,12 @@ class LikelihoodGuard(Guard):
         return Attempt(estimate, verdict, estimate.gap_rad)
 
     def _verdict(self, estimate: Estimate) -> Verdict:
-        if not 0.0 <= estimate.gap_rad <= np.radians(self.settings.gap_max_deg):
-            return Verdict(False, "out of bounds")
-        if not estimate.converged:
-            return Verdict(False, f"not converged: {estimate.message}")
+        if not (0.0 <= estimate.gap_rad <= np.radians(self.settings.gap_max_deg) and estimate.converged):
+            return Verdict(False, f"out of bounds, or not converged: {estimate.message}")
         model, problem = self.problem.model, self.problem
-        theta_d = observer.play(problem.theta_m, estimate.fit_gap_rad, estimate.theta_d0_rad, 0.0)
-        begin = max(0, model.settle - round(4.0 / (model.pole_rad_s * model.sample_time_s)))
-        if np.sum(np.abs(np.diff(theta_d[begin:]))) < np.radians(self.settings.travel_deg):
+        seen = max(0, model.settle - round(4.0 / (model.pole_rad_s * model.sample_time_s)))
+        theta_d = observer.play(problem.theta_m, estimate.fit_gap_rad, estimate.theta_d0_rad, 0.0)[seen:]
+        if np.sum(np.abs(np.diff(theta_d))) < np.radians(self.settings.travel_deg):
             return Verdict(False, "no contact seen in the buffer")
         error = problem.rows(estimate.fit_gap_rad, estimate.theta_d0_rad)[0]
         enough = estimate.cost_m2 + SIGNIFICANCE * problem.noise_m2(error) / problem.counted

@@ -205,14 +205,14 @@ def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
     """The signals that go in, (N+1,) each, and the samples at which the reference changes."""
     t_s = np.arange(config.samples + 1, dtype=np.float64) * config.sample_time_s
     closed = config.controller.structure != "open_loop"
-    r = signals.reference(config.reference, t_s, config.seed, command=not closed)
+    r = signals.reference(config.reference, t_s, config.seed, command=not closed) * (1e-3 if closed else 1.0)
     gap = true_half_gap(config, rig, t_s)
     noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
     changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
     moving = np.zeros(0)
     if config.reference.kind == "trajectory":  # known ahead, and a change from one rest to the next
         changes, moving = changes[np.diff(changes, prepend=-2) > 1], np.sign(np.diff(r, append=r[-1]))
-    return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution, moving), changes
+    return loop.Signals(np.ascontiguousarray(r), gap, noise, resolution, moving), changes
 
 
 def true_half_gap(config: RunConfig, rig: Rig, t_s: Floats) -> Floats:

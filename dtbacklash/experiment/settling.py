@@ -64,7 +64,7 @@ class HalfGap:
         return bool(lib.dtb_put_in_force(self.struct, answer_struct(answer, middle), k))
 
     def judged_at(self, last_change: int) -> int | None:
-        """The sample from which on a new one may be judged, if the reference does not change again; None: none is new."""
+        """The sample from which on a new one may be judged, if the reference does not change; None: none is new."""
         found: int = lib.dtb_judged_at(self.struct, last_change)
         return None if found < 0 else found
 

@@ -14,6 +14,7 @@ which looks like a gap, as much as the residual leaves open. Where the plain fit
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
@@ -144,12 +145,12 @@ def determinant(structure: StructureParameters, first: int, stop: int) -> Polyno
         for key, value in product(link(structure, i), link(structure, i), before).items():
             following[key] -= value
         before, now = now, following
-    return {key: value / np.prod(structure.masses_kg[first:stop]) for key, value in now.items()}
+    return {key: value / math.prod(structure.masses_kg[first:stop]) for key, value in now.items()}
 
 
 def numerator(structure: StructureParameters) -> Polynomial:
     """That of :func:`.chain.structure_polynomials`."""
-    size = structure.pitch_m_per_rad / np.prod(structure.masses_kg)
+    size = structure.pitch_m_per_rad / math.prod(structure.masses_kg)
     return product({(0, 0, 0): size}, *(link(structure, i) for i in range(len(structure.masses_kg))))
 
 
@@ -160,7 +161,7 @@ def denominator(structure: StructureParameters) -> Polynomial:
 
 def force(structure: StructureParameters, j: int) -> Polynomial:
     """From a force on mass j [N] to den(s) q3."""
-    size = 1.0 / np.prod(structure.masses_kg[j:])
+    size = 1.0 / math.prod(structure.masses_kg[j:])
     behind = (link(structure, i) for i in range(j + 1, len(structure.masses_kg)))
     return product({(0, 0, 0): size}, determinant(structure, 0, j), *behind)
 

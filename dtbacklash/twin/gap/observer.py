@@ -140,7 +140,7 @@ def _lags(order: int, pole: float, sample_time_s: float) -> Lags:
     _, b, _, d, _ = cont2discrete((a, first, np.eye(order), np.zeros((order, 1))), sample_time_s, method="foh")
     start = np.linalg.solve(np.eye(order) - each[0].phi.T, b[:, 0])
     taken = (np.array([getattr(one, name) for one in each]) for name in ("b", "start", "d"))
-    return Lags(each[0].phi, np.array(b[:, 0]), np.array(d[:, 0]), start, *taken)
+    return Lags(each[0].phi, np.array(b[:, 0]), np.array(d[:, 0]), np.asarray(start, dtype=np.float64), *taken)
 
 
 def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Array:

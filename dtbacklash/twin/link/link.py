@@ -1,4 +1,4 @@
-"""The asynchronous link between controller and twin (``adaptation.c``): when a buffer is full, when its answer takes effect.
+"""The asynchronous link between controller and twin: when a buffer is full, and when its answer takes effect.
 
 Times are sample indices. An event at sample k opens a buffer that holds the samples k ... k+n-1; the twin
 gets it at sample k+n, before that sample's control step, and its answer is in force from sample k+n+delay on.

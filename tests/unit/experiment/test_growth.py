@@ -5,8 +5,8 @@ import math
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.experiment.run import run_scenario
 from dtbacklash.core.library import lib
+from dtbacklash.experiment.run import run_scenario
 from dtbacklash.experiment.settling import HalfGap, answer_struct
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
