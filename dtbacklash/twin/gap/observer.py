@@ -176,16 +176,6 @@ def cost(
     return found
 
 
-def play_sensitivities(theta_m: Array, half_gap: float, theta_d0: float, growth: float, out: Array) -> None:
-    """theta_d and its derivatives by half_gap, theta_d0 and growth into the rows of ``out``, (4, N).
-
-    Exact wherever the play is smooth: theta_d moves with theta_d0 until the first contact, and from then on
-    by -1 or +1 with the gap, by the side that pushed last.
-    """
-    N = len(theta_m)
-    lib.dtb_play_sensitivities(N, copied(theta_m), half_gap, theta_d0, growth, buffer(out, 4, N))
-
-
 def sensitivities(
     theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, growth: float, path: Path, settle: int
 ) -> Array:
