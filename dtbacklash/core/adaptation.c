@@ -1,10 +1,11 @@
-/* When a buffer is full, when the twin's answer is in force, and whether it stays in force: experiment/estimation.py. */
+/* When a buffer is full, when the twin's answer is in force, and whether it stays in force: experiment/estimation.py.
+ */
 #include "core.h"
 
 /* what is less than this share below a half-gap that was taken back is not believed for so many seconds */
 static const double LIKE_IT = 0.1, FORGIVEN_S = 60.0;
-/* how long a loop has before its new gap is judged, and each of the two stretches that are looked at, s; the motor's span
- * in each that is no cycle, rad, even of a smaller gap */
+/* how long a loop has before its new gap is judged, and each of the two stretches that are looked at, s; the motor's
+ * span in each that is no cycle, rad, even of a smaller gap */
 static const double JUDGED_AFTER_S = 3.0, STRETCH_S = 1.0, SPAN = 0.3;
 /* the gap in force grows at most so many times as fast as it grew between the last two answers */
 static const double AHEAD = 2.0;
@@ -24,10 +25,7 @@ int64_t dtb_link_open(TwinLink *L, int64_t event, int64_t first)
 }
 
 /* The sample before which the buffer is full. */
-static int64_t full_at(const TwinLink *L)
-{
-    return L->first + L->length > L->event ? L->first + L->length : L->event;
-}
+static int64_t full_at(const TwinLink *L) { return L->first + L->length > L->event ? L->first + L->length : L->event; }
 
 /* Whether the buffer is full before sample k; it is handed out once. */
 int64_t dtb_link_full(TwinLink *L, int64_t k)
@@ -38,8 +36,8 @@ int64_t dtb_link_full(TwinLink *L, int64_t k)
     return 1;
 }
 
-/* An answer to the buffer taken at sample k goes on its way; returns its place among (slots,). Answers take effect in the
- * order of their buffers. */
+/* An answer to the buffer taken at sample k goes on its way; returns its place among (slots,). Answers take effect in
+ * the order of their buffers. */
 int64_t dtb_link_send(TwinLink *L, int64_t k)
 {
     int64_t place = (L->oldest + L->waiting) % L->slots;
@@ -91,11 +89,11 @@ void dtb_end_growth(GapInForce *G, int64_t k)
 
 /* How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
  *
- * The growth since the answer before, so many seconds `between` them, may double or end: it is the mean and the standard
- * deviation of a prior. The growth within the buffer is the measurement. Dry friction looks like growth within a buffer,
- * so the gap is taken to grow at most AHEAD times as fast as it did for sure. A growth that has slowed goes on slowing:
- * half the time between two answers ago it was the one, now it is the other. Where the buffer shows no growth, it does
- * not grow. */
+ * The growth since the answer before, so many seconds `between` them, may double or end: it is the mean and the
+ * standard deviation of a prior. The growth within the buffer is the measurement. Dry friction looks like growth within
+ * a buffer, so the gap is taken to grow at most AHEAD times as fast as it did for sure. A growth that has slowed goes
+ * on slowing: half the time between two answers ago it was the one, now it is the other. Where the buffer shows no
+ * growth, it does not grow. */
 double dtb_growth_ahead(const GapAnswer *now, const GapAnswer *then, double between)
 {
     if (between <= 0.0 || !now->guarded || !then->guarded)
@@ -126,7 +124,8 @@ int64_t dtb_put_in_force(GapInForce *G, const GapAnswer *answer, int64_t k)
     G->answered = 1;
     G->before = *answer;
     if (growth > 0.0)
-        until = least_of(until, middle + (int64_t)dmin(floor(dmax(most - answer->half_gap, 0.0) / growth), MOST_SAMPLES));
+        until =
+            least_of(until, middle + (int64_t)dmin(floor(dmax(most - answer->half_gap, 0.0) / growth), MOST_SAMPLES));
     if (growth == 0.0 || until <= middle) {
         set_in_force(G, answer->half_gap, 0.0, k);
         return 1;
@@ -137,7 +136,8 @@ int64_t dtb_put_in_force(GapInForce *G, const GapAnswer *answer, int64_t k)
     return 1;
 }
 
-/* The sample from which on a new half-gap may be judged, if the reference does not change again; -1 where none is new. */
+/* The sample from which on a new half-gap may be judged, if the reference does not change again; -1 where none is new.
+ */
 int64_t dtb_judged_at(const GapInForce *G, int64_t last_change)
 {
     int64_t begin = G->new_since > last_change ? G->new_since : last_change;

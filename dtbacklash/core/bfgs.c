@@ -41,8 +41,8 @@ static bool evaluate(Search *s, const double *x, double *value, double *g)
     return true;
 }
 
-/* Where the cubic through two points has its minimum, as a share of the way from the one to the other. turn : 0 where it
- * has none. */
+/* Where the cubic through two points has its minimum, as a share of the way from the one to the other. turn : 0 where
+ * it has none. */
 static double cubic_minimum(Trial from, Trial to, double *turn)
 {
     double theta = 3.0 * (from.value - to.value) / (to.at - from.at) + from.slope + to.slope;

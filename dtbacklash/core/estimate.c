@@ -115,9 +115,9 @@ static double floor_of(const TwinModel *model)
 
 /* Noise of the cost: the variance that one independent sample of the error would have, m^2.
  *
- * The sensitivities to the parameters vary slowly, so what counts is the error's power at low frequency. The largest of:
- * the power that white noise of a sensor would have there after the observer; the power measured there, by means over
- * blocks; and rounding. */
+ * The sensitivities to the parameters vary slowly, so what counts is the error's power at low frequency. The largest
+ * of: the power that white noise of a sensor would have there after the observer; the power measured there, by means
+ * over blocks; and rounding. */
 static double noise_of(const TwinModel *model, const Blocks *b, double mean_square)
 {
     double length = (double)b->length, white = dmin(model->noise_colour, length) * mean_square;
@@ -157,8 +157,8 @@ static double scaled_cost(const TwinProblem *problem, const double *x, double *g
     return out[0] * scale;
 }
 
-/* Output error and its derivatives into row, at sample k: what the path makes of the rows `at` of the play; its states x
- * (4 n,) go on. */
+/* Output error and its derivatives into row, at sample k: what the path makes of the rows `at` of the play; its states
+ * x (4 n,) go on. */
 static void error_row(const TwinBuffer *in, int64_t k, const double *at, double *x, double *row)
 {
     int64_t n = in->path.n;
@@ -267,8 +267,8 @@ static void default_start(const TwinProblem *problem, double present, double *st
     start[0] = dmax(present, fabs(problem->data.theta_m[0] - start[1]));
 }
 
-/* Minimise eq. (18) from a start (2,): half-gap and theta_d0, rad. A search that spends its evaluations returns its best
- * point, not converged. */
+/* Minimise eq. (18) from a start (2,): half-gap and theta_d0, rad. A search that spends its evaluations returns its
+ * best point, not converged. */
 static GapEstimate estimate(const TwinProblem *problem, const Optimizer *by, const double *start)
 {
     double theta_m = problem->data.theta_m[0], step[2], variances[2];

@@ -51,8 +51,8 @@ static const double *scan_profile(Guard *G)
     return G->profile;
 }
 
-/* The next deepest of the profile's valleys on the grid, after valley `after` (-1: the deepest); -1 for none. A plateau,
- * where no contact is seen any more, is one valley and not many. */
+/* The next deepest of the profile's valleys on the grid, after valley `after` (-1: the deepest); -1 for none. A
+ * plateau, where no contact is seen any more, is one valley and not many. */
 static int64_t next_valley(Guard *G, int64_t after)
 {
     const double *cost = scan_profile(G);
@@ -142,8 +142,8 @@ static int64_t reason_of(Guard *G, const Explanation *found, GapAttempt *attempt
 }
 
 /* An estimate with its standard error, the verdict on it, and what it puts in force: the present gap where the estimate
- * agrees with it, else the estimate less a share of its error, at least 0. Too large a gap does more harm than too small
- * a one. */
+ * agrees with it, else the estimate less a share of its error, at least 0. Too large a gap does more harm than too
+ * small a one. */
 static GapAttempt judged(Guard *G, const GapEstimate *e)
 {
     const GuardSettings *ask = G->settings;
@@ -156,7 +156,8 @@ static GapAttempt judged(Guard *G, const GapEstimate *e)
     attempt.reason = reason_of(G, &found, &attempt);
     attempt.estimate = found.estimate;
     attempt.agrees = attempt.reason == AGREES;
-    attempt.settled = attempt.reason == NO_BETTER; /* the estimate is the buffer's best: no other start can change that */
+    attempt.settled =
+        attempt.reason == NO_BETTER; /* the estimate is the buffer's best: no other start can change that */
     attempt.accepted = attempt.agrees || attempt.reason == BETTER;
     if (!attempt.accepted)
         return attempt;
@@ -226,8 +227,9 @@ int64_t dtb_valleys(Guard *G, int64_t *which)
     return n;
 }
 
-/* The best explanation about an estimate: its cost, m^2, and whether there was anything to explain, into about (2,); the
- * path that explains it, as coefficients b and start (n,) each and d, into path (2 n + 1,), and its eps_q into G->eps_q. */
+/* The best explanation about an estimate: its cost, m^2, and whether there was anything to explain, into about (2,);
+ * the path that explains it, as coefficients b and start (n,) each and d, into path (2 n + 1,), and its eps_q into
+ * G->eps_q. */
 void dtb_explain(Guard *G, const GapEstimate *e, GapEstimate *out, double *about, double *path)
 {
     Explanation found;

@@ -1,8 +1,8 @@
 /* What a wrong model does to an estimate: the gap, fitted again with what may be wrong: twin/gap/model_error.py. */
 #include "core.h"
 
-/* Gauss-Newton steps, each halved so often until it helps; a step of the gap in its standard errors after which there is
- * no further one; one that is left at most */
+/* Gauss-Newton steps, each halved so often until it helps; a step of the gap in its standard errors after which there
+ * is no further one; one that is left at most */
 enum { FIT_STEPS = 12, FIT_HALVINGS = 4 };
 static const double FITTED = 0.01, FIT_STATIONARY = 0.5;
 
@@ -68,8 +68,8 @@ static Squares descend_all(const TwinProblem *problem, double *x, double *varian
 /* The estimate with gap, start and growth fitted to the end, where that leaves no more than rounding; else as it came.
  * Returns whether it does.
  *
- * The plain estimate has taken two linear steps towards the growth, and may have the screw rest on the wrong side of the
- * gap: the fit also begins where the structure at rest says that the screw is. */
+ * The plain estimate has taken two linear steps towards the growth, and may have the screw rest on the wrong side of
+ * the gap: the fit also begins where the structure at rest says that the screw is. */
 static bool grown(const TwinProblem *problem, double plain, GapEstimate *e)
 {
     double counted = (double)counted_of(problem), floor_m2 = floor_of(problem->model), least = plain;
@@ -156,7 +156,8 @@ static double direction(const ModelError *wrong, double q3, double *after)
 }
 
 /* Sums at a point x (fit_size,) of the fit: gap, start, growth rad/s and psi. slopes : with the derivatives. */
-static void fit_squares(const TwinProblem *problem, const ModelError *wrong, const double *x, bool slopes, FitSquares *sum)
+static void fit_squares(const TwinProblem *problem, const ModelError *wrong, const double *x, bool slopes,
+                        FitSquares *sum)
 {
     const TwinBuffer *in = &problem->data;
     const TwinLags *lags = &wrong->lags;
@@ -173,7 +174,8 @@ static void fit_squares(const TwinProblem *problem, const ModelError *wrong, con
     for (int64_t k = 0; k < in->samples; k++) {
         push(by, in->theta_m[k], after_middle(k, in->samples), at);
         double friction = direction(wrong, problem->q3[k], &after);
-        const double u[N_ROWS + 2] = {problem->q3[k], friction, at[0], at[1], at[2], at[3] * problem->model->sample_time};
+        const double u[N_ROWS + 2] = {problem->q3[k], friction, at[0],
+                                      at[1],          at[2],    at[3] * problem->model->sample_time};
         for (int64_t r = 0; r < 2 + rows; r++) {
             if (k == 0)
                 rest_lags(lags, z[r], u[r]);
@@ -181,8 +183,8 @@ static void fit_squares(const TwinProblem *problem, const ModelError *wrong, con
         }
         if (k < in->settle)
             continue;
-        double error = through(lags, v.of[OF_Q3], R[0]) + through(lags, v.of[OF_THETA_D], R[2]) +
-                       through(lags, v.of[OF_FRICTION], R[1]) + v.of[OF_CONSTANT][0];
+        double error = through(lags, v.of[OF_Q3], R[0]) + through(lags, v.of[OF_THETA_D], R[2])
+                       + through(lags, v.of[OF_FRICTION], R[1]) + v.of[OF_CONSTANT][0];
         sum->error_error += error * error;
         add_to_blocks(&blocks, k - in->settle, error);
         if (!slopes)
@@ -190,8 +192,8 @@ static void fit_squares(const TwinProblem *problem, const ModelError *wrong, con
         for (int64_t i = 0; i < 3; i++)
             J[i] = through(lags, v.of[OF_THETA_D], R[3 + i]);
         for (int64_t i = 3; i < n; i++)
-            J[i] = through(lags, dv[i - 3].of[OF_Q3], R[0]) + through(lags, dv[i - 3].of[OF_THETA_D], R[2]) +
-                   through(lags, dv[i - 3].of[OF_FRICTION], R[1]) + dv[i - 3].of[OF_CONSTANT][0];
+            J[i] = through(lags, dv[i - 3].of[OF_Q3], R[0]) + through(lags, dv[i - 3].of[OF_THETA_D], R[2])
+                   + through(lags, dv[i - 3].of[OF_FRICTION], R[1]) + dv[i - 3].of[OF_CONSTANT][0];
         for (int64_t i = 0; i < n; i++) {
             sum->error_by[i] += error * J[i];
             for (int64_t j = 0; j <= i; j++)
@@ -205,11 +207,15 @@ static void fit_squares(const TwinProblem *problem, const ModelError *wrong, con
 }
 
 /* How precisely a deviation is known beforehand; 0: not at all. */
-static double prior_of(const ModelError *wrong, int64_t i) { return 1.0 / (wrong->deviations[i] * wrong->deviations[i]); }
+static double prior_of(const ModelError *wrong, int64_t i)
+{
+    return 1.0 / (wrong->deviations[i] * wrong->deviations[i]);
+}
 
 /* Covariance (n, n) of a fit, by rows of FIT_MOST; rows and columns of zeros for what neither data nor prior knows
  * (theta_d0 after a contact). */
-static void covariance(const TwinProblem *problem, const ModelError *wrong, const FitSquares *sum, double noise, double *A)
+static void covariance(const TwinProblem *problem, const ModelError *wrong, const FitSquares *sum, double noise,
+                       double *A)
 {
     int64_t n = fit_size(wrong);
     double least = LEAST_SEEN * (double)counted_of(problem) * problem->model->pitch * problem->model->pitch;
@@ -231,7 +237,8 @@ static void covariance(const TwinProblem *problem, const ModelError *wrong, cons
 }
 
 /* Gauss-Newton step (n,) of a fit at x (n,) with the covariance A. */
-static void fit_step(const ModelError *wrong, const FitSquares *sum, double noise, const double *x, const double *A, double *step)
+static void fit_step(const ModelError *wrong, const FitSquares *sum, double noise, const double *x, const double *A,
+                     double *step)
 {
     int64_t n = fit_size(wrong);
     double slope[FIT_MOST];
@@ -253,7 +260,8 @@ static double deviation_of(const ModelError *wrong, const double *x)
 }
 
 /* x (n,) goes on by a step (n,), halved until it helps; returns whether it does. before : what there was to lower. */
-static bool step_down(const TwinProblem *problem, const ModelError *wrong, double *step, double noise, double before, double *x)
+static bool step_down(const TwinProblem *problem, const ModelError *wrong, double *step, double noise, double before,
+                      double *x)
 {
     int64_t n = fit_size(wrong);
     double moved[FIT_MOST];
@@ -332,7 +340,8 @@ static void with_model(const ModelError *wrong, const double *psi, double *eps_q
 }
 
 /* The best explanation about an estimate; its fit_gap stays the minimiser of eq. (18). eps_q (N,) room. */
-static void explain(const TwinProblem *problem, const ModelError *wrong, const GapEstimate *e, double *eps_q, Explanation *out)
+static void explain(const TwinProblem *problem, const ModelError *wrong, const GapEstimate *e, double *eps_q,
+                    Explanation *out)
 {
     double counted = (double)counted_of(problem), floor_m2 = floor_of(problem->model), x[FIT_MOST] = {0.0};
     double A[FIT_MOST * FIT_MOST];

@@ -19,20 +19,20 @@ typedef struct {
     controller c;
     int64_t k, last_change; /* the next sample; that at which the reference changed last */
     double reference;
-    int moving;                       /* whether the reference changed at the last sample */
-    Recording record[3];              /* since the last change; that which fills; that which is estimated from: */
-    int latest, filling, work;        /* places of these, -1: none */
-    volatile int state;               /* of the request: step asks, estimate answers */
-    int64_t sent;                     /* sample at which it was */
-    double present;                   /* half-gap in force then, rad */
-    GapAttempt found;                 /* the last estimate, with the verdict on it */
+    int moving;                /* whether the reference changed at the last sample */
+    Recording record[3];       /* since the last change; that which fills; that which is estimated from: */
+    int latest, filling, work; /* places of these, -1: none */
+    volatile int state;        /* of the request: step asks, estimate answers */
+    int64_t sent;              /* sample at which it was */
+    double present;            /* half-gap in force then, rad */
+    GapAttempt found;          /* the last estimate, with the verdict on it */
     GapInForce in_force;
     TwinLink link;
     int64_t due[SLOTS];
     GapAnswer on_the_way[SLOTS];
-    int rejected;                     /* the last estimate was, and the novelty index has been high since */
-    double level, lock[LOCK_STATES];  /* novelty, m, and the state of its filter */
-    double low[2], high[2];           /* of the motor's angle in the stretches by which a new gap is judged, rad */
+    int rejected;                    /* the last estimate was, and the novelty index has been high since */
+    double level, lock[LOCK_STATES]; /* novelty, m, and the state of its filter */
+    double low[2], high[2];          /* of the motor's angle in the stretches by which a new gap is judged, rad */
     double eps_q[SAMPLES], other_eps_q[SAMPLES], room[6 * LAGS_MOST], profile[2 * SCANS], other[2 * SCANS];
 } twin_controller;
 
@@ -68,9 +68,13 @@ static void take_answers(twin_controller *t)
         const GapEstimate *e = &t->found.estimate;
         t->rejected = !t->found.accepted;
         if (t->found.accepted)
-            t->on_the_way[dtb_link_send(&t->link, t->sent)] =
-                (GapAnswer){t->found.applied, e->gap, e->std, e->growth, e->growth_std, GUARDED,
-                            t->record[t->work].first + SAMPLES / 2};
+            t->on_the_way[dtb_link_send(&t->link, t->sent)] = (GapAnswer){t->found.applied,
+                                                                          e->gap,
+                                                                          e->std,
+                                                                          e->growth,
+                                                                          e->growth_std,
+                                                                          GUARDED,
+                                                                          t->record[t->work].first + SAMPLES / 2};
         t->state = NOTHING;
     }
     for (int64_t i = dtb_link_arrived(&t->link, t->k); i >= 0; i = dtb_link_arrived(&t->link, t->k))
@@ -93,8 +97,8 @@ static void note_change(twin_controller *t, double r)
         t->filling = t->latest;
 }
 
-/* The novelty index has risen: the motion that it rose in is recorded still. The same samples would say the same after a
- * rejected estimate: that is followed by a new recording. */
+/* The novelty index has risen: the motion that it rose in is recorded still. The same samples would say the same after
+ * a rejected estimate: that is followed by a new recording. */
 static void raise_alarm(twin_controller *t)
 {
     if (!dtb_link_open(&t->link, t->k, t->rejected ? t->k : t->last_change))
@@ -141,8 +145,14 @@ void twin_start(twin_controller *t, const double y[2])
     memset(t, 0, sizeof *t);
     controller_start(&t->c, y);
     t->filling = t->work = -1;
-    t->in_force = (GapInForce){.sample_time = SAMPLE_TIME, .grows_s = GROWS_S, .most = GAP_BOUND, .gap = FIRST_HALF_GAP,
-                               .rested = FIRST_HALF_GAP, .condemned = INFINITY, .new_since = -1, .forgiven = -1};
+    t->in_force = (GapInForce){.sample_time = SAMPLE_TIME,
+                               .grows_s = GROWS_S,
+                               .most = GAP_BOUND,
+                               .gap = FIRST_HALF_GAP,
+                               .rested = FIRST_HALF_GAP,
+                               .condemned = INFINITY,
+                               .new_since = -1,
+                               .forgiven = -1};
     t->link = (TwinLink){.length = SAMPLES, .delay = DELAY, .slots = SLOTS, .due = t->due};
     t->lock[0] = 1.0;
 }
@@ -183,8 +193,10 @@ int twin_estimate(twin_controller *t)
     if (t->state != REQUESTED)
         return 0;
     const Recording *from = t->record + t->work;
-    const TwinProblem problem = {.model = &MODEL, .data = {SAMPLES, MODEL.settle, from->theta_m, t->eps_q, MODEL.from_theta_d},
-                                 .q3 = from->q3, .room = t->room};
+    const TwinProblem problem = {.model = &MODEL,
+                                 .data = {SAMPLES, MODEL.settle, from->theta_m, t->eps_q, MODEL.from_theta_d},
+                                 .q3 = from->q3,
+                                 .room = t->room};
     copy(from->q3, t->eps_q, SAMPLES);
     dtb_filter(&MODEL.from_q3, SAMPLES, t->eps_q, t->room);
     default_start(&problem, t->present, start);
