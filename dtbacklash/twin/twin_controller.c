@@ -205,7 +205,7 @@ int twin_estimate(twin_controller *t)
         t->found = tried[outcome_of(attempt_all(&guard, &by, start, tried), tried)];
     } else {
         GapEstimate e = estimate(&problem, &by, start);
-        t->found = (GapAttempt){e, 1, 0, 0, UNGUARDED, e.fit_gap, e.fit_gap};
+        t->found = (GapAttempt){e, isfinite(e.fit_gap) != 0, 0, 0, UNGUARDED, e.fit_gap, e.fit_gap};
     }
     t->state = ANSWERED;
     return 1;

@@ -99,7 +99,8 @@ def replayed(library, seen, says=None, ahead=False):
     """
     state = ctypes.create_string_buffer(ctypes.c_ulong.in_dll(library, "size").value)
     library.twin_start(state, (ctypes.c_double * 2)())
-    u, estimates, moving = [], [], np.sign(np.diff(seen["r"], append=seen["r"][-1])) * ahead
+    u, estimates = [], []
+    moving = np.sign(np.diff(seen["r"], append=seen["r"][-1])) if ahead else ()
     for k, (r, theta_m, q3) in enumerate(zip(seen["r"], seen["theta_m"], seen["q3"], strict=True)):
         if ahead:
             then = min(k + round(1e3 * library.controller_lead(state)), len(moving) - 1)
@@ -141,6 +142,24 @@ def test_a_gap_in_which_the_loop_goes_round_is_taken_back_as_in_the_run(tmp_path
     assert "not put in force" in run.estimates["reason"].iloc[1]
     assert np.array_equal(u, run.seen["u"])
     assert len(estimates) == len(run.estimates)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    "chosen", [("controller=nimc_novelty", "twin=edge"), ("controller=nimc_twin", "twin=unguarded")]
+)
+def test_whatever_the_sensors_say_the_voltage_stays_within_its_limit(tmp_path, monkeypatch, chosen):
+    """A tenth of the values is not finite or beyond reason; the library is compiled to stop where C is not defined."""
+    words = (*chosen, "twin.delay_s=0", "twin.buffer=450", "controller.limit_v=12")
+    rng, n = np.random.default_rng(5), 9000
+    seen = {"r": 1e-3 * np.sign(np.sin(np.arange(n) / 300.0)), "theta_m": rng.normal(0.0, 3.0, n),
+            "q3": rng.normal(0.0, 1e-3, n)}  # fmt: skip
+    for values in seen.values():
+        off = rng.random(n) < 0.1
+        values[off] = rng.choice([np.nan, np.inf, -np.inf, 1e300, 1e5, -1e5], off.sum())
+    u, estimates = replayed(exported(tmp_path, monkeypatch, *words), seen)
+    assert np.abs(u).max() <= 12.0
+    assert len(estimates) > 3
 
 
 def test_what_cannot_be_exported_is_refused_in_one_line(capsys, tmp_path, monkeypatch):
