@@ -7,14 +7,22 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dtbacklash.config.grammar import EXPORT
 from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    from dtbacklash.config.run import RunConfig
+    from dtbacklash.control.belief import Belief
+    from dtbacklash.control.design import ControllerDesign
 
 FMU, CONTROLLER = "fmu", "controller"
 C_SUFFIX, FMU_SUFFIX = ".c", ".fmu"
 #: of the voltage, where neither the controller nor the model has a limit
 LIMIT_V = 12.0
+#: words of `dtb export controller` beside the settings of `dtb run`
+OWN = ("out", "fmi", "with_twin")
 
 
 def main(words: Sequence[str]) -> int:
@@ -44,7 +52,7 @@ def _export_controller(words: Sequence[str]) -> None:
     from dtbacklash.fmu.controller import write_controller
     from dtbacklash.version import __version__
 
-    own = {key: value for key, _, value in (word.partition("=") for word in words) if key in ("out", "fmi")}
+    own = {key: value for key, _, value in (word.partition("=") for word in words) if key in OWN}
     config = compose(*(word for word in words if word.partition("=")[0] not in own))
     beliefs = beliefs_of(config)
     config = settled(config, beliefs)
@@ -60,8 +68,13 @@ def _export_controller(words: Sequence[str]) -> None:
         raise UserError("out", str(path), f"must end in {C_SUFFIX} or {FMU_SUFFIX}")
     if fmi not in ("2", "3") or ("fmi" in own and path.suffix == C_SUFFIX):
         raise UserError("fmi", fmi, f"2 or 3, the version of FMI of a file that ends in {FMU_SUFFIX}")
+    with_twin = own.get("with_twin", "false")
+    if with_twin not in ("true", "false") or (with_twin == "true" and path.suffix == FMU_SUFFIX):
+        raise UserError("with_twin", with_twin, f"true or false; true with a file that ends in {C_SUFFIX}")
     controller = build_controller(c, design, forward)
     source = c_source(controller, first_rad, about)
+    if with_twin == "true":
+        source += _twin(config, beliefs.twin, design)
     if path.suffix == FMU_SUFFIX:
         name = re.sub(r"\W", "_", c.name, flags=re.ASCII)
         write_controller(source, name, about, first_rad, controller.sample_time, int(fmi), path.absolute(), str(path))
@@ -71,10 +84,27 @@ def _export_controller(words: Sequence[str]) -> None:
         for one, text in {path: source, test: c_test(controller, first_rad, path.name)}.items():
             with written(one.absolute(), "out", str(one), parents=False) as whole:
                 whole.write_text(text, encoding="utf-8")
-        print("one sample: controller_step(&c, r, y), with y = (measured angle rad, measured output m); in V")
+        what = "twin_step(&t, r, y)" if with_twin == "true" else "controller_step(&c, r, y)"
+        print(f"one sample: {what}, with y = (measured angle rad, measured output m); in V")
+        if with_twin == "true":
+            print("in the background: twin_estimate(&t)")
         print(shown_path(test))
     print(f"at most {c.limit_v:g} V (controller.limit_v)")
     print(shown_path(path))
+
+
+def _twin(config: RunConfig, belief: Belief, design: ControllerDesign) -> str:
+    """The twin of a settled configuration as C."""
+    from dtbacklash.experiment.sensors import roles
+    from dtbacklash.twin.c99 import refuse, twin_source
+    from dtbacklash.twin.gap.novelty import novelty_design
+    from dtbacklash.twin.link.service import Twin
+
+    refuse(config)
+    output = list(belief.rig.sensors.values())[roles(belief.rig, True)[1]]
+    twin = Twin.of(belief, output, config.twin, config.optimizer, config.sample_time_s)
+    novelty = novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s)
+    return twin_source(config, twin.model, novelty, twin.guard_settings())
 
 
 def _export(words: Sequence[str]) -> None:

@@ -218,9 +218,9 @@ class TwinConfig:
 
 @dataclass
 class OptimizerConfig:
-    """The search for the gap: a method of scipy.optimize and when it stops."""
+    """The search for the gap: its method and when it stops."""
 
-    name: str = setting("bfgs", "method of scipy.optimize", choices=c.OPTIMIZERS)
+    name: str = setting("bfgs", "method: BFGS of the core, or one of scipy.optimize", choices=c.OPTIMIZERS)
     max_evaluations: int = setting(200, "evaluations of the cost, at most", at_least=2, at_most=1_000_000)
     tolerance: float = setting(1e-6, "tolerance at which the method stops, as scipy defines it", above=0, below=1)
 

@@ -19,6 +19,7 @@ HEAD = """/* {about}
  * A value that is not finite or above {sane:g} is held at the last good one, and counted in c.held.
  */
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 """
@@ -73,16 +74,17 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
         f"static const double {name}[{max(v.size, 1)}] = {row(v.ravel())};" for name, v in (arrays | rest).items()
     ]
     inside = (f".{name} = {_entry(name, value)}" for name, value in fields.items())
-    law = [_core("arithmetic.h"), _core("control.h"), _core("control.c").partition(PYTHON)[0]]
+    law = [core_file("arithmetic.h"), core_file("control.h"), core_file("control.c", PYTHON)]
     own = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
     head = HEAD.format(about=about.replace("*/", "* /"), sample_time=C.sample_time, limit=C.limit, sane=SANE)
     values = "static const Controller LAW = {" + ", ".join(inside) + "};"
     return "\n".join([head, *law, *lines, values, "", own])
 
 
-def _core(name: str) -> str:
-    """A file of the core without what it includes."""
+def core_file(name: str, before: str | None = None) -> str:
+    """A file of the core without what it includes, up to a line."""
     text = files("dtbacklash.core").joinpath(name).read_text(encoding="utf-8")
+    text = text if before is None else text.partition(before)[0]
     return "\n".join(line for line in text.splitlines() if not line.startswith("#include")) + "\n"
 
 
@@ -110,4 +112,4 @@ def row(values: Floats) -> str:
 
 def _number(value: float) -> str:
     """The shortest text that is read as the same number."""
-    return repr(float(np.float64(value)))
+    return repr(float(np.float64(value))).replace("inf", "INFINITY")

@@ -8,6 +8,7 @@ typedef struct {
     double toward;           /* side, -1 or 1, to which the load moves next: controller_set_out; 0: not known */
     unsigned long held;      /* samples with a value that was not finite or not sane: the last good one stood for it */
     double good[3];          /* the last good r, y[0], y[1] */
+    double eps;              /* prediction error of the last sample, m */
     double w[NW], m[NM], s[NS], theta_d[2], spare[NSPARE], angle[1], w_r[NW], inverse[5], servo[3], lines[3 * NLINE];
     double law[NL], moves[2 * NP];
 } controller;
@@ -81,7 +82,7 @@ double controller_step(controller *c, double r, const double y[2])
 {
     const double now[3] = {r, y[0], y[1]};
     ControllerState state = state_of(c);
-    double eps, growth = c->grows > 0.0 ? c->growth : 0.0;
+    double growth = c->grows > 0.0 ? c->growth : 0.0;
     int bad = 0;
 
     for (int i = 0; i < 3; i++) {
@@ -90,7 +91,7 @@ double controller_step(controller *c, double r, const double y[2])
         else
             bad = 1;
     }
-    double u = control_step(&LAW, &state, c->good[0], c->good[1], c->good[2], c->half_gap, growth, c->toward, &eps);
+    double u = control_step(&LAW, &state, c->good[0], c->good[1], c->good[2], c->half_gap, growth, c->toward, &c->eps);
     if (c->grows > 0.0) {
         c->half_gap = dmax(c->half_gap + c->growth, 0.0);
         c->grows -= 1.0;

@@ -1,6 +1,11 @@
 /* Arithmetic that the files of the core and an exported controller share. */
+/* For a function that is called with a constant size, so that its loops are unrolled. */
+#define UNROLLED static inline __attribute__((always_inline))
+
 static inline double dmin(double a, double b) { return b < a ? b : a; }
 static inline double dmax(double a, double b) { return b > a ? b : a; }
+
+static inline int64_t least_of(int64_t a, int64_t b) { return a < b ? a : b; }
 
 /* The sign of a number: -1, 0 or 1. */
 static inline int64_t sign_of(double value) { return (value > 0.0) - (value < 0.0); }

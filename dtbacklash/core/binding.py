@@ -64,6 +64,10 @@ class Binding:
         """The same of an array that the library only reads: of floats, made contiguous where it is not."""
         return self.buffer(np.ascontiguousarray(array, dtype=np.float64), *shape)
 
+    def calls(self) -> "Calls":
+        """For functions of Python that the library calls."""
+        return Calls(self.ffi)
+
     def struct(self, kind: str, **fields: Any) -> Any:
         """A struct of the library, by its name in a header; the arrays that it points to live as long as it does.
 
@@ -80,3 +84,24 @@ class Binding:
         if kind.kind == "struct":
             return value[0]
         return self.ffi.cast(kind, value) if kind.kind in ("pointer", "function") and isinstance(value, int) else value
+
+
+class Calls:
+    """Functions of Python that a library calls; what one raises, :meth:`check` raises after the library's own call."""
+
+    def __init__(self, ffi: Any) -> None:
+        self._ffi = ffi
+        self._raised: list[BaseException] = []
+
+    def __call__(self, kind: str, function: Any) -> Any:
+        """The function as the library takes it; it gives nothing back."""
+
+        def note(_kind: Any, mistake: BaseException, _trace: Any) -> None:
+            self._raised.append(mistake)
+
+        return self._ffi.callback(kind, function, onerror=note)
+
+    def check(self) -> None:
+        """Raise what was raised first, if anything was."""
+        if self._raised:
+            raise self._raised.pop(0)

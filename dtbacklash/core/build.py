@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 HERE = Path(__file__).parent
-HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h", "external.h")
+HEADERS = ("laws.h", "plant.h", "twin.h", "control.h", "loop.h", "adaptation.h", "external.h")
 SOURCES = (
-    "laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "indexes.c", "loop.c", "exponential.c",
-    "external.c", "model_exchange.c",
+    "laws.c", "formula.c", "predict.c", "filter.c", "twin.c", "control.c", "estimate.c", "guard.c", "adaptation.c",
+    "indexes.c", "loop.c", "exponential.c", "external.c", "model_exchange.c",
 )  # fmt: skip
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]

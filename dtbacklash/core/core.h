@@ -13,12 +13,8 @@
 #include "twin.h"
 #include "control.h"
 #include "loop.h"
+#include "adaptation.h"
 #include "external.h"
-
-/* For a function that is called with a constant size, so that its loops are unrolled. */
-#define UNROLLED static inline __attribute__((always_inline))
-
-static inline int64_t least_of(int64_t a, int64_t b) { return a < b ? a : b; }
 
 /* ---- the matrices of one gear mode, and of one length of the step ---- */
 

@@ -5,6 +5,6 @@ from dtbacklash.core.binding import Binding
 
 _core = Binding(build.CORE)
 ffi, lib = _core.ffi, _core.lib
-buffer, copied, struct = _core.buffer, _core.copied, _core.struct
+buffer, copied, struct, Calls = _core.buffer, _core.copied, _core.struct, _core.calls
 #: law of ``laws.c`` -> its slot, the states that it asks for, its parameters by place
 LAWS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = _core.declared.LAWS

@@ -120,21 +120,6 @@ static inline void push(Believed by, double theta_m, double after, double *at)
     at[BY_GROWTH] = side * after;
 }
 
-/* theta_d of the play and its derivatives by half_gap, theta_d0 and growth, into the rows of out (4, N). */
-void dtb_play_sensitivities(int64_t N, const double *theta_m, double half_gap, double theta_d0, double growth,
-                            double *out)
-{
-    Believed by = {half_gap, theta_d0, growth};
-    double at[N_ROWS];
-
-    set_rows(by, at);
-    for (int64_t k = 0; k < N; k++) {
-        push(by, theta_m[k], after_middle(k, N), at);
-        for (int64_t r = 0; r < N_ROWS; r++)
-            out[r * N + k] = at[r];
-    }
-}
-
 /* ---- the output error ---- */
 
 /* As dtb_cost, with n lags. */

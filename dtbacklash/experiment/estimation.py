@@ -13,10 +13,9 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
-from dtbacklash.experiment.loop import GapInForce
 from dtbacklash.experiment.novelty_monitor import Watcher
 from dtbacklash.experiment.sensors import roles as roles_of
-from dtbacklash.experiment.settling import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles, growth_ahead
+from dtbacklash.experiment.settling import AT_REST, HalfGap, at_rest
 from dtbacklash.twin.gap.guard import Attempt
 from dtbacklash.twin.link.bank_twin import BankTwin
 from dtbacklash.twin.link.link import FullBuffer, TwinLink
@@ -33,8 +32,6 @@ from dtbacklash.twin.link.service import (
     TwinService,
 )
 
-#: a gap that was taken back, and what is less than this share below it, is not believed for so many seconds
-LIKE_IT, FORGIVEN_S = 0.1, 60.0
 #: samples between two looks for an answer that has not come
 LOOK = 10
 
@@ -108,17 +105,14 @@ class Estimation:
 
     changes : samples at which the reference changes. seen : (N+1, sensors) what the sensors show, filled by the loop;
     roles : which of them are theta_m and q3. gap : (N+1,) the true half-gap, rad, for the table only. in_force :
-    the half-gap that the controller believes in; it grows until sample ``grows_until``.
-    before_it : the middle of the last accepted buffer, and its answer. service : who estimates; None where the twin is
+    the half-gap that the controller believes in. service : who estimates; None where the twin is
     never asked.
     asked : event -> the buffer of a request that nothing has come of yet, and the sample at which it was sent.
     rejected : the last estimate was, so that the twin is asked again for as long as the novelty index is high.
     wall_s : that the loop has stood still for the twin. late : answers that came after they were due. u : (N+1,) the
     command, filled by the loop; asked for by the bank. belief : what is believed now. waiting : an answer with another
     model, until the loop is at rest. last_move : sample of the last change of the reference of which the bank was asked
-    by an alarm. rested : the last gap with which the loop came to rest, rad. new_since : sample since which another
-    one is in force that is not judged yet, or -1. condemned : a gap that was taken back, rad, and the sample until
-    which no gap like it is believed.
+    by an alarm.
     """
 
     config: RunConfig
@@ -128,9 +122,7 @@ class Estimation:
     gap: Floats
     link: TwinLink[tuple[Answer, int]]
     service: TwinService | None
-    in_force: GapInForce
-    grows_until: int = 0
-    before_it: tuple[int, Answer] | None = None
+    in_force: HalfGap
     asked: dict[int, tuple[FullBuffer, int]] = field(default_factory=dict)
     rejected: bool = False
     rows: list[EstimateRow] = field(default_factory=list)
@@ -141,9 +133,6 @@ class Estimation:
     belief: Belief | None = None
     waiting: tuple[Answer, int] | None = None
     last_move: int = -1
-    rested: float = 0.0
-    new_since: int = -1
-    condemned: tuple[float, int] = (math.inf, -1)
     _came_s: float = math.nan
 
     @classmethod
@@ -161,7 +150,8 @@ class Estimation:
 
         service : who estimates; None: a twin in this process, that believes in ``belief``.
         """
-        first = math.radians(config.controller.gap_hat_deg or 0.0)
+        t, first = config.twin, math.radians(config.controller.gap_hat_deg or 0.0)
+        in_force = HalfGap(first, config.sample_time_s, t.growth_s or 0.0, math.radians(t.gap_max_deg))
         bank = config.twin.on_alarm == "bank"
         length = config.twin.bank_buffer if bank else config.twin.buffer
         link: TwinLink[tuple[Answer, int]] = TwinLink(length, config.twin.delay_s, config.sample_time_s)
@@ -171,7 +161,7 @@ class Estimation:
             if config.twin.where != "local":
                 raise UserError("twin.where", config.twin.where, "a twin elsewhere is for dtb run and dtbacklash.run")
             service = LocalTwin(answering(config, belief))
-        return cls(config, changes, seen, roles, gap, link, service, GapInForce(first), belief=belief, rested=first)
+        return cls(config, changes, seen, roles, gap, link, service, in_force, belief=belief)
 
     def warm_up(self) -> None:
         """Make ready what an estimate needs."""
@@ -193,15 +183,17 @@ class Estimation:
         if self.waiting is not None:
             found += [k + LOOK, *self._next_change(k)]
         due = self.link.next_sample()
-        found += [] if self.new_since < 0 else [max(self._judged_at(k + 1), k + 1)]
-        found += [self.grows_until] if self.in_force.growth and self.grows_until > k else []
+        if (judged := self.in_force.judged_at(self._last_change(k + 1))) is not None:
+            found.append(max(judged, k + 1))
+        if (until := self.in_force.grows_until()) is not None and until > k:
+            found.append(until)
         return found if due is None else [*found, max(due, k + 1)]
 
     def before(self, k: int) -> None:
         """Do what is due before sample k: open or send buffers, put answers in force."""
-        if self.in_force.growth and k >= self.grows_until:
-            self.in_force = GapInForce(self.in_force.at(k), 0.0, k)
-        if self.new_since >= 0 and k >= self._judged_at(k):
+        self.in_force.end_growth(k)
+        judged = self.in_force.judged_at(self._last_change(k))
+        if judged is not None and k >= judged:
             self._judge(k)
         self._exchange(k)
         for answer, middle in self.link.arrived(k):
@@ -216,47 +208,17 @@ class Estimation:
 
     def _put_in_force(self, answer: Answer, middle: int, k: int) -> None:
         """The gap of an answer at sample k: that in the ``middle`` of its buffer, and what it has grown since."""
-        if k < self.condemned[1] and answer.gap_rad > (1.0 - LIKE_IT) * self.condemned[0]:
-            row = self._last_accepted()
+        if not self.in_force.put(answer, middle, k):
+            row, condemned_deg = self._last_accepted(), math.degrees(self.in_force.condemned_rad)
             row["t_applied_s"] = row["applied_deg"] = math.nan
-            row["reason"] += f"; not put in force: the loop went round in {math.degrees(self.condemned[0]):.1f} deg"
-            return
-        step_s, self.new_since = self.config.sample_time_s, k
-        earlier, self.before_it = self.before_it, (middle, answer)
-        since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
-        growth, until = (
-            growth_ahead(answer, since) * step_s,
-            middle + round((self.config.twin.growth_s or 0.0) / step_s),
-        )
-        if growth > 0.0:
-            most = math.radians(self.config.twin.gap_max_deg)
-            if k < self.condemned[1]:  # nor may it grow to what the loop went round in
-                most = min(most, (1.0 - LIKE_IT) * self.condemned[0])
-            room = max(most - answer.gap_rad, 0.0)
-            until = min(until, middle + math.floor(room / growth))
-        if growth == 0.0 or until <= middle:
-            self.in_force = GapInForce(answer.gap_rad, 0.0, k)
-            return
-        self.grows_until = until
-        now = GapInForce(answer.gap_rad, growth, middle).at(min(k, until))
-        self.in_force = GapInForce(now, growth if until > k else 0.0, k)
-
-    def _judged_at(self, k: int) -> int:
-        """The sample from which on a new gap may be judged, if the reference does not change again."""
-        return max(self.new_since, self._last_change(k)) + round(JUDGED_AFTER_S / self.config.sample_time_s)
+            row["reason"] += f"; not put in force: the loop went round in {condemned_deg:.1f} deg"
 
     def _judge(self, k: int) -> None:
         """Keep the gap in force as one that rests, or go back to the last such one if the loop goes round in it."""
-        self.new_since, gap = -1, self.in_force.at(k)
-        stretch = round(STRETCH_S / self.config.sample_time_s)
-        if not cycles(self.seen[k - 2 * stretch : k, self.roles[0]], gap):
-            self.rested = gap
-            return
-        self.in_force, self.before_it = GapInForce(self.rested, 0.0, k), None
-        self.condemned = gap, k + round(FORGIVEN_S / self.config.sample_time_s)
-        self._last_accepted()["reason"] += (
-            f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
-        )
+        if self.in_force.take_back(k, self.seen[:, self.roles[0]]):
+            self._last_accepted()["reason"] += (
+                f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
+            )
 
     def _last_accepted(self) -> EstimateRow:
         return next(row for row in reversed(self.rows) if row["accepted"])

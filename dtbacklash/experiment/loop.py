@@ -48,10 +48,6 @@ class GapInForce(NamedTuple):
     growth: float = 0.0
     since: int = 0
 
-    def at(self, k: int) -> float:
-        """The half-gap at sample k, rad."""
-        return max(self.gap + self.growth * (k - self.since), 0.0)
-
 
 def run_segment(
     P: Plant, S: State, C: Controller, X: ControllerState, detector: Floats, oscillator: tuple[Floats, float, float],

@@ -205,14 +205,14 @@ def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
     """The signals that go in, (N+1,) each, and the samples at which the reference changes."""
     t_s = np.arange(config.samples + 1, dtype=np.float64) * config.sample_time_s
     closed = config.controller.structure != "open_loop"
-    r = signals.reference(config.reference, t_s, config.seed, command=not closed)
+    r = signals.reference(config.reference, t_s, config.seed, command=not closed) * (1e-3 if closed else 1.0)
     gap = true_half_gap(config, rig, t_s)
     noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
     changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
     moving = np.zeros(0)
     if config.reference.kind == "trajectory":  # known ahead, and a change from one rest to the next
         changes, moving = changes[np.diff(changes, prepend=-2) > 1], np.sign(np.diff(r, append=r[-1]))
-    return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution, moving), changes
+    return loop.Signals(np.ascontiguousarray(r), gap, noise, resolution, moving), changes
 
 
 def true_half_gap(config: RunConfig, rig: Rig, t_s: Floats) -> Floats:
@@ -259,7 +259,9 @@ def _segments(
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
         before_k = k
-        k, why = machine.run(inputs, traces, which, k, stop, twin.in_force, limits, before)
+        k, why = machine.run(inputs, traces, which, k, stop, twin.in_force.segment, limits, before)
+        if listening and k > before_k + 1:
+            twin.rejected = False  # the index has been low meanwhile
         if why == loop.DIVERGED:
             far = f"{OPEN_LOOP_RATIO:g} times " if design is None else ""
             what = f"|q3| above {far}solver.divergence_mm={config.solver.divergence_mm:g} mm"

@@ -1,18 +1,17 @@
-"""Whether the loop rests or goes round in a cycle, and how fast the gap in force grows between two answers."""
+"""Whether the loop rests, and the half-gap in force."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
+from dtbacklash.core.library import buffer, lib, struct
+from dtbacklash.experiment.loop import GapInForce
 from dtbacklash.twin.link.service import Answer
 
 #: at rest: samples of a stretch, how far the means of two may differ (rad, m), and how many times that a stretch spans
 AT_REST, STILL, SWINGS = 250, (0.03, 2e-6), 10.0
-#: how long a loop has before its new gap is judged, and each of the two stretches that are looked at, s
-JUDGED_AFTER_S, STRETCH_S = 3.0, 1.0
-#: the gap in force grows at most so many times as fast as it grew between the last two answers
-AHEAD = 2.0
 
 
 def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool:
@@ -30,34 +29,61 @@ def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool
     return True
 
 
-def cycles(theta_m: Floats, gap_rad: float) -> bool:
-    """Whether the motor goes round in its believed gap: in both halves of theta_m (n,), rad, it spans the half-gap.
+class HalfGap:
+    """The half-gap in force, as the core keeps it (``adaptation.c``): put in force, grown, judged, taken back.
 
-    In a cycle within the gap it strikes both ends of it, so that it spans twice the half-gap and more.
+    gap_rad : at the first sample. growth_s : for how long an answer's gap goes on growing. most_rad : physical bound.
     """
-    half = theta_m.size // 2
-    least = max(gap_rad, SWINGS * STILL[0])
-    return bool(np.ptp(theta_m[:half]) > least and np.ptp(theta_m[half:]) > least)
+
+    def __init__(self, gap_rad: float, sample_time_s: float, growth_s: float, most_rad: float) -> None:
+        self.struct = struct(
+            "GapInForce", sample_time=sample_time_s, grows_s=growth_s, most=most_rad, gap=gap_rad, rested=gap_rad,
+            new_since=-1, condemned=math.inf, forgiven=-1,
+        )  # fmt: skip
+
+    def at(self, k: int) -> float:
+        """The half-gap at sample k, rad."""
+        found: float = lib.dtb_gap_at(self.struct, k)
+        return found
+
+    @property
+    def segment(self) -> GapInForce:
+        """It as the samples of a segment take it."""
+        return GapInForce(self.struct.gap, self.struct.growth, self.struct.since)
+
+    def grows_until(self) -> int | None:
+        """The sample at which it stops growing; None while it does not grow."""
+        return int(self.struct.until) if self.struct.growth else None
+
+    def end_growth(self, k: int) -> None:
+        """Stop it growing where that is due before sample k."""
+        lib.dtb_end_growth(self.struct, k)
+
+    def put(self, answer: Answer, middle: int, k: int) -> bool:
+        """Put an answer in force at sample k, whose buffer has its ``middle`` there; False where it is not believed."""
+        return bool(lib.dtb_put_in_force(self.struct, answer_struct(answer, middle), k))
+
+    def judged_at(self, last_change: int) -> int | None:
+        """The sample from which on a new one may be judged, if the reference does not change; None: none is new."""
+        found: int = lib.dtb_judged_at(self.struct, last_change)
+        return None if found < 0 else found
+
+    def take_back(self, k: int, theta_m: Floats) -> bool:
+        """Go back to the last one that rested, if the motor goes round in it; theta_m (n,), rad, before sample k."""
+        stretch = lib.dtb_stretch(self.struct)
+        spans = np.array([np.ptp(theta_m[k - 2 * stretch : k - stretch]), np.ptp(theta_m[k - stretch : k])])
+        return bool(lib.dtb_take_back(self.struct, k, buffer(spans)))
+
+    @property
+    def condemned_rad(self) -> float:
+        """The half-gap that was taken back, rad."""
+        return float(self.struct.condemned)
 
 
-def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
-    """How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
-
-    The growth since the answer before, whose buffer lies so many seconds ``earlier``, may double or end: it is the mean
-    and the standard deviation of a prior. The growth within the buffer is the measurement. Dry friction looks like
-    growth within a buffer, so the gap is taken to grow at most AHEAD times as fast as it did for sure. A growth that
-    has slowed goes on slowing: half the time between two answers ago it was the one, now it is the other. Without an
-    answer before, or where the buffer shows no growth, it does not grow.
-    """
-    if earlier is None or earlier[0] <= 0.0 or not (answer.guarded and earlier[1].guarded):
-        return 0.0
-    now, then = answer.chosen.estimate, earlier[1].chosen.estimate
-    been = (now.gap_rad - then.gap_rad) / earlier[0]
-    been_std = math.hypot(now.std_rad, then.std_rad) / earlier[0]
-    most = AHEAD * max(abs(been) - been_std, 0.0)
-    if not (most > 0.0 and math.isfinite(now.growth_std_rad_s)):
-        return 0.0
-    prior, seen = been**2 + been_std**2, now.growth_std_rad_s**2
-    ahead = (seen * been + prior * now.growth_rad_s) / (seen + prior)
-    side = math.copysign(1.0, been)
-    return side * max(min(side * ahead, side * (2.0 * now.growth_rad_s - been), most), 0.0)
+def answer_struct(answer: Answer, middle: int) -> Any:
+    """What the twin answers, as the core takes it. middle : sample in the middle of its buffer."""
+    e = answer.chosen.estimate
+    return struct(
+        "GapAnswer", half_gap=answer.gap_rad, gap=e.gap_rad, std=e.std_rad, growth=e.growth_rad_s,
+        growth_std=e.growth_std_rad_s, guarded=answer.guarded, middle=middle,
+    )  # fmt: skip

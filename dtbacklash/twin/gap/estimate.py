@@ -1,9 +1,9 @@
-"""Estimation of the gap from one buffer: eq. (18) minimised by a method of SciPy.
+"""Estimation of the gap from one buffer: eq. (18) minimised by the core's BFGS, or by a method of SciPy.
 
 The optimisers see two variables in degrees (half gap, theta_d(0) relative to theta_m(0)) and the cost in
 units of (what 1 deg of theta_d does to the structure at rest)^2, so that both are of order one and a
 tolerance means the same for every rig. One registry, :data:`OPTIMIZERS`, maps ``optimizer.name`` to a
-function.
+function of SciPy; ``bfgs`` is the core's (``bfgs.c``), and what follows from the minimum is in ``estimate.c``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dtbacklash.core.library import Calls, buffer, copied, ffi, lib, struct
 from dtbacklash.errors import UserError
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.observer import TwinModel
@@ -23,14 +24,13 @@ from dtbacklash.twin.gap.observer import TwinModel
 Array = NDArray[np.float64]
 Start = tuple[float, float]
 
-#: A point counts as stationary when the Gauss-Newton step from it moves the gap by less than this [deg].
-STATIONARY_DEG = 0.05
-#: Growth of the gap within the buffer is used only if it explains this many times the noise ...
-GROWTH_SIGNIFICANCE = 25.0
-#: ... and moves the estimate, which refers to the middle of the buffer, by no more than this [deg].
-GROWTH_SHIFT_MAX_DEG = 1.0
-#: A cost below (this many degrees of theta_d)^2 is rounding and interpolation, not information.
-FLOOR_DEG = 0.05
+BFGS = "bfgs"
+#: how a search of the core ended, by its number
+ENDS = {
+    lib.ENDED: "no element of the gradient is above the tolerance",
+    lib.STUCK: "no lower cost along the line of search",
+    lib.NO_END: "no end of the fit with model error in 12 steps",
+}
 
 
 class OptimizerLike(Protocol):
@@ -64,10 +64,6 @@ class Estimate:
     wall_s: float
 
 
-class _OutOfEvaluations(Exception):
-    """Raised out of a SciPy method when the allowed number of evaluations is spent."""
-
-
 class Problem:
     """One buffer and the model it is explained by; every cost of it goes through here.
 
@@ -88,23 +84,23 @@ class Problem:
         self.q3 = q3
         self.eps_q = observer.filtered(q3, model.from_q3)
         self.unit_m2 = float((model.pitch_m_per_rad * np.pi / 180.0) ** 2)
-        self.floor_m2 = self.unit_m2 * FLOOR_DEG**2
-        self.rest_rad = float(q3[0] / model.pitch_m_per_rad)
         self.counted = q3.size - model.settle
+        self.calls = Calls()
 
     def cost(self, gap_rad: float, theta_d0_rad: float) -> float:
         """Mean square output error [m^2] with a constant gap, eq. (18)."""
         path, settle = self.model.from_theta_d, self.model.settle
         return float(observer.cost(self.theta_m, self.eps_q, gap_rad, theta_d0_rad, 0.0, path, settle))
 
+    def cost_and_gradient(self, gap_rad: float, theta_d0_rad: float) -> tuple[float, float, float]:
+        """Mean square output error [m^2] and its derivatives by gap and theta_d0 [m^2/rad], with a constant gap."""
+        path, settle = self.model.from_theta_d, self.model.settle
+        return observer.cost_and_gradient(self.theta_m, self.eps_q, gap_rad, theta_d0_rad, path, settle)
+
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Scaled cost and gradient at x = (half gap, theta_d0 - theta_m0) in degrees."""
-        rad, path = np.pi / 180.0, self.model.from_theta_d
-        gap, start = x[0] * rad, self.theta_m[0] + x[1] * rad
-        value, by_gap, by_start = observer.cost_and_gradient(
-            self.theta_m, self.eps_q, gap, start, path, self.model.settle
-        )
-        scale = 1.0 / self.unit_m2
+        rad, scale = np.pi / 180.0, 1.0 / self.unit_m2
+        value, by_gap, by_start = self.cost_and_gradient(x[0] * rad, self.theta_m[0] + x[1] * rad)
         return value * scale, np.array([by_gap, by_start]) * (rad * scale)
 
     def rows(self, gap_rad: float, theta_d0_rad: float, growth_rad_s: float = 0.0) -> Array:
@@ -123,18 +119,19 @@ class Problem:
         return np.asarray(rows)
 
     def noise_m2(self, error: Array) -> float:
-        """Noise of the cost: the variance that one independent sample of ``error`` would have [m^2].
+        """Noise of the cost: the variance that one independent sample of ``error`` would have [m^2]."""
+        found: float = lib.dtb_noise(observer.model_struct(self.model), error.size, copied(error))
+        return found
 
-        The sensitivities to the parameters vary slowly, so what counts is the error's power at low frequency.
-        The largest of: the power that white noise of a sensor would have there after the observer; the power
-        measured there, by means over blocks of half the observer's memory; and rounding.
-        """
-        memory = round(2.0 / (self.model.pole_rad_s * self.model.sample_time_s))
-        block = max(1, min(memory, error.size // 4))
-        count = error.size // block
-        means = error[error.size - count * block :].reshape(count, block).mean(axis=1)
-        white = min(self.model.noise_colour, block) * np.mean(error**2)
-        return float(max(block * np.mean(means**2), white, self.floor_m2))
+    def struct(self) -> Any:
+        """The buffer and its model as the core takes them."""
+        data = observer.buffer_struct(self.theta_m, self.eps_q, self.model.from_theta_d, self.model.settle)
+        model, room = observer.model_struct(self.model), np.empty(6 * self.model.from_theta_d.b.size)
+        return struct("TwinProblem", model=model, data=data, q3=self.q3, room=room, **self.simulation())
+
+    def simulation(self) -> dict[str, Any]:
+        """What the core calls instead of its own functions: fields of a ``TwinProblem``."""
+        return {}
 
 
 def default_start(problem: Problem, gap_rad: float) -> Start:
@@ -143,7 +140,13 @@ def default_start(problem: Problem, gap_rad: float) -> Start:
     Before a buffer starts the structure is at rest, so theta_d0 shows in q3 itself; and the gap is at least
     the distance from there to theta_m.
     """
-    return max(gap_rad, abs(float(problem.theta_m[0]) - problem.rest_rad)), problem.rest_rad
+    found = np.empty(2)
+    lib.dtb_default_start(problem.struct(), gap_rad, buffer(found))
+    return float(found[0]), float(found[1])
+
+
+class _OutOfEvaluations(Exception):
+    """Raised out of a SciPy method when the allowed number of evaluations is spent."""
 
 
 class _Counted:
@@ -185,12 +188,6 @@ def _scipy(name: str) -> Any:
     from scipy import optimize
 
     return getattr(optimize, name)
-
-
-def _bfgs(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.Generator) -> Any:
-    """The paper's choice: unconstrained quasi-Newton."""
-    options = {"gtol": settings.tolerance}
-    return _scipy("minimize")(cost.with_gradient, x0, jac=True, method="BFGS", options=options)
 
 
 def _lbfgsb(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.Generator) -> Any:
@@ -239,13 +236,47 @@ def _dual_annealing(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.
 
 
 Optimizer = Callable[[_Counted, Array, OptimizerLike, np.random.Generator], Any]
-OPTIMIZERS: dict[str, Optimizer] = {
-    "bfgs": _bfgs,
+OPTIMIZERS: dict[str, Optimizer | None] = {
+    BFGS: None,  # the core's
     "lbfgsb": _lbfgsb,
     "nelder_mead": _nelder_mead,
     "differential_evolution": _differential_evolution,
     "dual_annealing": _dual_annealing,
 }
+
+
+class Method:
+    """The optimizer that the settings name, for one problem, as the core takes it.
+
+    message : of the last search, where SciPy made it.
+    """
+
+    def __init__(self, problem: Problem, optimizer: OptimizerLike, rng: np.random.Generator | None = None) -> None:
+        if optimizer.name not in OPTIMIZERS:
+            raise UserError("optimizer.name", optimizer.name, "one of " + ", ".join(OPTIMIZERS))
+        self.problem, self.settings, self.rng = problem, optimizer, rng or np.random.default_rng(0)
+        self.spent = self.message = f"stopped after {optimizer.max_evaluations} evaluations"
+        self.calls = Calls()
+        given: dict[str, Any] = {"most": optimizer.max_evaluations, "tolerance": optimizer.tolerance}
+        if OPTIMIZERS[optimizer.name] is not None:
+            given["other"] = self.calls("void(void *, double *, int64_t *)", self._search)
+        self.struct = struct("Optimizer", **given)
+
+    def _search(self, _: Any, x: Any, done: Any) -> None:
+        counted, success = _Counted(self.problem, self.settings.max_evaluations), False
+        search, self.message = OPTIMIZERS[self.settings.name], self.spent
+        assert search is not None
+        try:
+            result = search(counted, np.array([x[0], x[1]]), self.settings, self.rng)
+            success, self.message = bool(result.success), str(result.message)
+        except _OutOfEvaluations:
+            pass
+        x[0], x[1] = (float(value) for value in counted.best_x)
+        done[0], done[1] = counted.count, success
+
+    def said(self, end: int) -> str:
+        """How a search has ended."""
+        return {lib.SPENT: self.spent, lib.OTHERWISE: self.message}.get(end) or ENDS[end]
 
 
 def estimate_gap(
@@ -256,73 +287,24 @@ def estimate_gap(
     rng: for the global methods (seed 0 without one). Raises UserError for an unknown method. A search that
     spends its evaluations returns its best point, not converged.
     """
-    if optimizer.name not in OPTIMIZERS:
-        raise UserError("optimizer.name", optimizer.name, "one of " + ", ".join(OPTIMIZERS))
-    begin = time.perf_counter()
-    counted = _Counted(problem, optimizer.max_evaluations)
-    x0 = np.degrees([start[0], start[1] - problem.theta_m[0]])
-    success, message = False, f"stopped after {optimizer.max_evaluations} evaluations"
-    try:
-        result = OPTIMIZERS[optimizer.name](counted, x0, optimizer, rng or np.random.default_rng(0))
-        success, message = bool(result.success), str(result.message)
-    except _OutOfEvaluations:
-        pass
-    fit_gap = float(np.radians(abs(counted.best_x[0])))
-    theta_d0 = float(problem.theta_m[0] + np.radians(counted.best_x[1]))
-    rows = problem.rows(fit_gap, theta_d0)
-    step, variances = linear_step(problem, rows[:3])
-    # a gap cannot shrink below zero: there a step downwards is no step, and the cost may have a corner
-    move = max(float(step[0]), -fit_gap)
-    stationary = bool(np.isfinite(variances[0])) and abs(move) < np.radians(STATIONARY_DEG)
-    growth, growth_std, shift = _growth(problem, rows, fit_gap, theta_d0)
-    return Estimate(
-        gap_rad=max(fit_gap + shift, 0.0),
-        fit_gap_rad=fit_gap,
-        theta_d0_rad=theta_d0,
-        cost_m2=float(np.mean(rows[0] ** 2)),
-        std_rad=float(np.sqrt(variances[0] * problem.noise_m2(rows[0]))),
-        growth_rad_s=growth,
-        growth_std_rad_s=growth_std,
-        evaluations=counted.count,
-        converged=success or stationary,
-        message=message,
-        wall_s=time.perf_counter() - begin,
-    )
+    begin, method, found = time.perf_counter(), Method(problem, optimizer, rng), ffi.new("GapEstimate *")
+    given = problem.struct()
+    lib.dtb_estimate(given, method.struct, buffer(np.array(start, dtype=float), 2), found)
+    for calls in (method.calls, problem.calls):
+        calls.check()
+    return estimate_of(found, method.said(found.end), time.perf_counter() - begin)
 
 
-def linear_step(problem: Problem, rows: Array) -> tuple[Array, Array]:
-    """Gauss-Newton step (n,) from rows (1 + n, samples) of error and derivatives; its variances per noise.
-
-    A parameter that the data do not see at all (theta_d0 after an early contact) stays: step 0, variance inf.
-    """
-    error, jacobian = rows[0], rows[1:]
-    information = jacobian @ jacobian.T
-    seen = np.diag(information) > 1e-6 * error.size * problem.model.pitch_m_per_rad**2
-    step, variances = np.zeros(len(jacobian)), np.full(len(jacobian), np.inf)
-    if np.any(seen):
-        inverse = np.linalg.pinv(information[np.ix_(seen, seen)], rcond=1e-9)
-        step[seen] = -inverse @ (jacobian[seen] @ error)
-        variances[seen] = np.diag(inverse)
-    return step, variances
+def estimate_of(found: Any, message: str, wall_s: float) -> Estimate:
+    """An estimate of the core's."""
+    return Estimate(found.gap, found.fit_gap, found.theta_d0, found.cost, found.std, found.growth, found.growth_std,
+                    found.evaluations, bool(found.converged), message, wall_s)  # fmt: skip
 
 
-def _growth(problem: Problem, rows: Array, gap: float, theta_d0: float) -> tuple[float, float, float]:
-    """Growth of the gap within the buffer [rad/s], its standard error, and the estimate's shift to the middle [rad].
-
-    Eq. (18) takes the gap as constant and so finds the gap of the samples it weighs most, which lie after the
-    middle: where the gap grows it would be biased. One more parameter, fitted by two linear steps, takes
-    the bias out. Where the data do not show growth clearly the answer is 0, inf and 0, the paper's estimate.
-    """
-    x = np.array([gap, theta_d0, 0.0])
-    refined = rows
-    for _ in range(2):
-        x = x + linear_step(problem, refined)[0]
-        if x[0] < 0.0:
-            return 0.0, np.inf, 0.0
-        refined = problem.rows(*x)
-    gain = float(np.sum(rows[0] ** 2) - np.sum(refined[0] ** 2))
-    significant = gain > GROWTH_SIGNIFICANCE * problem.noise_m2(refined[0])
-    if not significant or abs(x[0] - gap) > np.radians(GROWTH_SHIFT_MAX_DEG):
-        return 0.0, np.inf, 0.0
-    std = np.sqrt(linear_step(problem, refined)[1][2] * problem.noise_m2(refined[0]))
-    return float(x[2]), float(std), float(x[0] - gap)
+def estimate_struct(estimate: Estimate) -> Any:
+    """An estimate as the core takes it; its message stays here."""
+    return struct(
+        "GapEstimate", gap=estimate.gap_rad, fit_gap=estimate.fit_gap_rad, theta_d0=estimate.theta_d0_rad,
+        cost=estimate.cost_m2, std=estimate.std_rad, growth=estimate.growth_rad_s, growth_std=estimate.growth_std_rad_s,
+        evaluations=estimate.evaluations, converged=estimate.converged, end=lib.OTHERWISE,
+    )  # fmt: skip

@@ -19,18 +19,45 @@ is the present gap where the estimate lies within one standard error of it, else
 from __future__ import annotations
 
 import math
+import time
+from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtbacklash.core.library import buffer, lib
+from dtbacklash.core.library import buffer, ffi, lib, struct
 from dtbacklash.twin.gap import observer
-from dtbacklash.twin.gap.estimate import Estimate, OptimizerLike, Problem, Start, default_start, estimate_gap
-from dtbacklash.twin.gap.model_error import Explanation, Tolerances, explained
+from dtbacklash.twin.gap.estimate import (
+    ENDS,
+    Estimate,
+    Method,
+    OptimizerLike,
+    Problem,
+    Start,
+    default_start,
+    estimate_of,
+    estimate_struct,
+)
+from dtbacklash.twin.gap.model_error import Tolerances, model_error
 from dtbacklash.twin.gap.observer import Path, TwinModel
 
 Array = NDArray[np.float64]
+
+#: why an estimate goes to the controller or not, by the core's number
+REASONS = {
+    lib.BETTER: "better than the present {about:.1f} deg",
+    lib.AGREES: "agrees with the present {about:.1f} deg",
+    lib.NO_BETTER: "no better than the present {about:.1f} deg: +- {std:.1f} deg",
+    lib.OUTSIDE: "{about:.1f} deg is outside 0..{limit:g} deg",
+    lib.NOT_CONVERGED: "not converged: {message}",
+    lib.NO_CONTACT: "no contact seen in the buffer",
+    lib.NOT_DETERMINED: "the buffer does not determine the gap",
+    lib.ELSEWHERE: "{about:.0f} deg explains the buffer as well",
+    lib.RIVAL_BETTER: "{about:.0f} deg explains the buffer better",
+    lib.RIVAL: "{about:.0f} deg explains the buffer as well",
+}
 
 
 @dataclass(frozen=True)
@@ -59,6 +86,20 @@ class GuardSettings:
 
 
 @dataclass(frozen=True)
+class Explanation:
+    """A buffer explained: by the model that does it best (``problem``), the estimate with its standard error.
+
+    cost_m2: mean square error and what the deviations from the believed model cost beside it. doubted: whether there
+    was anything to explain; without, problem and estimate are as they came.
+    """
+
+    problem: Problem
+    estimate: Estimate
+    cost_m2: float
+    doubted: bool
+
+
+@dataclass(frozen=True)
 class Verdict:
     """Whether an estimate goes to the controller, and why (not) in a few words.
 
@@ -80,18 +121,12 @@ class Attempt:
     applied_rad: float = math.nan
 
 
-def profile_point(theta_m: Array, eps_q: Array, half_gap: float, path: Path, settle: int) -> tuple[float, float]:
-    """Least cost [m^2] over theta_d0 for one gap, and that theta_d0 [rad]. Arguments as observer.cost.
+def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
+    """For each gap the least cost [m^2] over theta_d0, and that theta_d0 [rad], (2, gaps).
 
     theta_d0 lies within the gap around theta_m[0]. Where it matters the cost is piecewise quadratic in it, so
-    that Newton's method from the best of a few points ends at rounding.
+    that Newton's method from the best of a few points ends at rounding. Arguments as observer.cost.
     """
-    value, start = _profile(theta_m, eps_q, np.array([half_gap]), path, settle)[:, 0].tolist()
-    return value, start
-
-
-def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
-    """:func:`profile_point` of each gap, (2, gaps)."""
     out, given = np.empty((2, gaps.size)), observer.buffer_struct(theta_m, eps_q, path, settle)
     lib.dtb_profile(given, gaps.size, buffer(gaps, gaps.size), buffer(out), observer.room(path, 3))
     return out
@@ -110,117 +145,82 @@ class Guard:
 
     def __init__(self, problem: Problem, present_rad: float, settings: GuardSettings | None = None) -> None:
         self.problem, self.present_rad = problem, present_rad
-        self.settings = settings or GuardSettings()
-        step, limit = self.settings.scan_step_deg, self.settings.gap_max_deg
-        self.scan_rad = np.radians(np.linspace(0.0, limit, max(2, int(np.ceil(limit / step)) + 1)))
-        self._scan: tuple[Array, Array] | None = None
+        ask = self.settings = settings or GuardSettings()
+        self.scan_rad = scan_of(ask)
+        self._profile, self._eps_q = np.empty((2, self.scan_rad.size)), np.empty(problem.theta_m.size)
+        self.struct = struct(
+            "Guard", problem=problem.struct(), wrong=model_error(problem.model, ask.tolerances),
+            settings=settings_struct(ask), present=present_rad, eps_q=self._eps_q, profile=self._profile.ravel(),
+            other=np.empty(self._profile.size),
+        )  # fmt: skip
 
     def scan(self) -> tuple[Array, Array]:
-        """The profile over the whole physical range, computed once."""
-        if self._scan is None:
-            self._scan = profile(self.problem, self.scan_rad)
-        return self._scan
-
-    def judged(self, estimate: Estimate) -> Attempt:
-        """The estimate with its standard error, and the verdict on it."""
-        if reason := self._impossible(estimate):
-            return Attempt(estimate, Verdict(False, reason))
-        found = explained(self.problem, estimate, self.settings.tolerances)
-        verdict = self._judge(found)
-        better = found.estimate
-        if not verdict.accepted:
-            return Attempt(better, verdict)
-        limit = np.radians(self.settings.gap_max_deg)
-        better = replace(better, gap_rad=min(max(better.gap_rad, 0.0), float(limit)))
-        lowered = max(better.gap_rad - self.settings.shading * better.std_rad, 0.0)
-        error = max(self.settings.shading * better.std_rad, np.radians(self.settings.agreement_deg))
-        near = abs(better.gap_rad - self.present_rad) <= error
-        return Attempt(better, verdict, self.present_rad if verdict.agrees and near else lowered)
-
-    def _judge(self, found: Explanation) -> Verdict:
-        """The questions in turn; the first that fails is the reason."""
-        estimate = found.estimate
-        if reason := self._impossible(estimate):
-            return Verdict(False, reason)
-        if not estimate.converged:
-            return Verdict(False, f"not converged: {estimate.message}")
-        if self._contact_travel(found.problem, estimate) < np.radians(self.settings.travel_deg):
-            return Verdict(False, "no contact seen in the buffer")
-        if not np.isfinite(estimate.std_rad):
-            return Verdict(False, "the buffer does not determine the gap")
-        if reason := self._elsewhere(found) or (self._rival(found) if found.doubted else ""):
-            return Verdict(False, reason)
-        return self._against_present(estimate)
-
-    def _impossible(self, estimate: Estimate) -> str:
-        gap_deg, limit = np.degrees(estimate.gap_rad), self.settings.gap_max_deg
-        inside = np.isfinite(gap_deg) and -1e-3 <= gap_deg <= limit
-        return "" if inside else f"{gap_deg:.1f} deg is outside 0..{limit:g} deg"
-
-    def _contact_travel(self, problem: Problem, estimate: Estimate) -> float:
-        """How far the gear moved the screw while the cost was looking [rad], by the estimate."""
-        model = problem.model
-        memory = round(4.0 / (model.pole_rad_s * model.sample_time_s))
-        theta_d = observer.play(problem.theta_m, estimate.gap_rad, estimate.theta_d0_rad, 0.0)
-        return float(np.sum(np.abs(np.diff(theta_d[max(0, model.settle - memory) :]))))
-
-    def _far(self, gap_rad: Array, estimate: Estimate) -> NDArray[np.bool_]:
-        """Which gaps are not those of the estimate's own valley."""
-        width = max(np.radians(self.settings.resolution_deg), self.settings.significance * estimate.std_rad)
-        return np.asarray(np.abs(gap_rad - estimate.gap_rad) > width)
-
-    def _margin_m2(self, problem: Problem, estimate: Estimate) -> float:
-        """By how much the mean square error may grow for no reason but noise."""
-        error = problem.rows(estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s)[0]
-        return self.settings.significance**2 * problem.noise_m2(error) / problem.counted
-
-    def _elsewhere(self, found: Explanation) -> str:
-        """Reason for rejection if with the same model a gap in another place explains the buffer as well; else ''."""
-        problem, estimate = found.problem, found.estimate
-        costs = profile(problem, self.scan_rad)[0] if found.doubted else self.scan()[0]
-        error = problem.rows(estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s)[0]
-        far = self._far(self.scan_rad, estimate)
-        i = int(np.argmin(np.where(far, costs, np.inf)))
-        if far[i] and costs[i] <= float(np.mean(error**2)) + self._margin_m2(problem, estimate):
-            return f"{np.degrees(self.scan_rad[i]):.0f} deg explains the buffer as well"
-        return ""
-
-    def _rival(self, found: Explanation) -> str:
-        """The same for another gap with another model, sought from the believed model's best gap elsewhere."""
-        resolution = np.radians(self.settings.resolution_deg)
-        starts = [s for s in self.further_starts() if abs(s[0] - found.estimate.fit_gap_rad) > resolution]
-        if not starts:
-            return ""
-        begun = replace(found.estimate, gap_rad=starts[0][0], theta_d0_rad=starts[0][1], growth_rad_s=0.0)
-        other = explained(self.problem, begun, self.settings.tolerances)
-        margin_m2 = self._margin_m2(found.problem, found.estimate)
-        gap = other.estimate.gap_rad
-        if self._impossible(other.estimate) or abs(gap - found.estimate.gap_rad) <= resolution:
-            return ""
-        # beside a clearly better explanation an estimate is no minimum, and its standard error says nothing
-        if other.cost_m2 < found.cost_m2 - margin_m2:
-            return f"{np.degrees(gap):.0f} deg explains the buffer better"
-        if other.cost_m2 <= found.cost_m2 + margin_m2 and self._far(np.array(gap), found.estimate):
-            return f"{np.degrees(gap):.0f} deg explains the buffer as well"
-        return ""
-
-    def _against_present(self, estimate: Estimate) -> Verdict:
-        present_deg, std_deg = np.degrees(self.present_rad), np.degrees(estimate.std_rad)
-        if abs(estimate.gap_rad - self.present_rad) > self.settings.significance * estimate.std_rad:
-            return Verdict(True, f"better than the present {present_deg:.1f} deg")
-        if std_deg <= self.settings.precise_deg:
-            return Verdict(True, f"agrees with the present {present_deg:.1f} deg", agrees=True)
-        return Verdict(False, f"no better than the present {present_deg:.1f} deg: +- {std_deg:.1f} deg", settled=True)
+        """The profile over the whole physical range, costs [m^2] and starts [rad], computed once."""
+        self.further_starts()
+        return self._profile[0], self._profile[1]
 
     def further_starts(self) -> list[Start]:
         """Starts for further attempts: the profile's valleys on the grid, the deepest first."""
-        costs, starts = self.scan()
-        padded = np.concatenate([[np.inf], costs, [np.inf]])
-        # a plateau, where no contact is seen any more, is one valley and not many
-        clearly = costs * (1.0 + 1e-6)
-        valleys = np.flatnonzero((clearly < padded[:-2]) & (costs <= padded[2:] * (1.0 + 1e-6)))
-        order = valleys[np.argsort(costs[valleys], kind="stable")]
-        return [(float(self.scan_rad[i]), float(starts[i])) for i in order]
+        which = np.empty(self.scan_rad.size, dtype=np.int64)
+        n = lib.dtb_valleys(self.struct, buffer(which))
+        return [(float(self.scan_rad[i]), float(self._profile[1, i])) for i in which[:n]]
+
+    def judged(self, estimate: Estimate) -> Attempt:
+        """The estimate with its standard error, and the verdict on it."""
+        found = ffi.new("GapAttempt *")
+        lib.dtb_judge(self.struct, estimate_struct(estimate), found)
+        end = found.estimate.end
+        return self._attempt(found, estimate.message if end == lib.OTHERWISE else ENDS[end], estimate.wall_s)
+
+    def explained(self, estimate: Estimate) -> Explanation:
+        """The best explanation about an estimate."""
+        found, about, n = ffi.new("GapEstimate *"), np.empty(2), self.problem.model.from_theta_d.b.size
+        path = np.empty(2 * n + 1)
+        lib.dtb_explain(self.struct, estimate_struct(estimate), found, buffer(about), buffer(path))
+        message = estimate.message if found.end == lib.OTHERWISE else ENDS[found.end]
+        better, doubted, problem = estimate_of(found, message, estimate.wall_s), bool(about[1]), copy(self.problem)
+        if doubted:
+            problem.eps_q = self._eps_q.copy()
+            explaining = Path(problem.model.lags.phi, path[:n], float(path[2 * n]), path[n : 2 * n])
+            problem.model = replace(problem.model, from_theta_d=explaining)
+        return Explanation(problem, better, float(about[0]), doubted)
+
+    def attempts(self, optimizer: OptimizerLike, start: Start | None = None,
+                 rng: np.random.Generator | None = None) -> list[Attempt]:  # fmt: skip
+        """See :func:`guarded_estimates`."""
+        began, method = time.perf_counter(), Method(self.problem, optimizer, rng)
+        begin = np.array(start or default_start(self.problem, self.present_rad))
+        found = ffi.new("GapAttempt[]", self.settings.attempts)
+        n = lib.dtb_attempts(self.struct, method.struct, buffer(begin, 2), found)
+        method.calls.check()
+        wall_s = (time.perf_counter() - began) / n
+        return [self._attempt(found[i], method.said(found[i].estimate.end), wall_s) for i in range(n)]
+
+    def _attempt(self, found: Any, message: str, wall_s: float) -> Attempt:
+        """An attempt of the core's; its reason in words."""
+        estimate, about = estimate_of(found.estimate, message, wall_s), np.degrees(found.about)
+        reason = REASONS[found.reason].format(
+            about=about, limit=self.settings.gap_max_deg, message=message, std=np.degrees(estimate.std_rad)
+        )
+        verdict = Verdict(bool(found.accepted), reason, bool(found.settled), bool(found.agrees))
+        return Attempt(estimate, verdict, found.applied)
+
+
+def scan_of(ask: GuardSettings) -> Array:
+    """The half-gaps at which the guard looks for other valleys, rad."""
+    limit = ask.gap_max_deg
+    return np.asarray(np.radians(np.linspace(0.0, limit, max(2, int(np.ceil(limit / ask.scan_step_deg)) + 1))))
+
+
+def settings_struct(ask: GuardSettings) -> Any:
+    """What the guard asks for, as the core takes it."""
+    angles = {"gap_most": ask.gap_max_deg, "agreement": ask.agreement_deg, "precise": ask.precise_deg,
+              "travel": ask.travel_deg, "resolution": ask.resolution_deg}  # fmt: skip
+    scan = scan_of(ask)
+    return struct(
+        "GuardSettings", **{name: float(np.radians(value)) for name, value in angles.items()}, attempts=ask.attempts,
+        significance=ask.significance, shading=ask.shading, scans=scan.size, scan=scan,
+    )  # fmt: skip
 
 
 def guarded_estimates(
@@ -236,20 +236,7 @@ def guarded_estimates(
     start: of the first attempt, by default :func:`default_start` from the gap in force, ``present_rad``
     [rad]. Where the guard rejects that, the twin tries again from the valleys of the profile.
     """
-    return attempts_of(Guard(problem, present_rad, settings), optimizer, start, rng)
-
-
-def attempts_of(
-    guard: Guard, optimizer: OptimizerLike, start: Start | None = None, rng: np.random.Generator | None = None
-) -> list[Attempt]:
-    """:func:`guarded_estimates` by a guard that is there already."""
-    attempts = [_attempt(guard, optimizer, start or default_start(guard.problem, guard.present_rad), rng)]
-    if not (attempts[0].verdict.accepted or attempts[0].verdict.settled):
-        for further in guard.further_starts()[: guard.settings.attempts - 1]:
-            attempts.append(_attempt(guard, optimizer, further, rng))
-            if attempts[-1].verdict.accepted or attempts[-1].verdict.settled:
-                break
-    return attempts
+    return Guard(problem, present_rad, settings).attempts(optimizer, start, rng)
 
 
 def outcome(attempts: list[Attempt]) -> Attempt:
@@ -263,11 +250,4 @@ def outcome(attempts: list[Attempt]) -> Attempt:
 def warm_up(model: TwinModel, optimizer: OptimizerLike) -> None:
     """Load what an estimation needs, so that ``wall_s`` is the estimation's own."""
     theta_m = np.linspace(0.0, 1.0, model.settle + 50)
-    guard = Guard(Problem(theta_m, theta_m * model.pitch_m_per_rad, model), 0.0)
-    guard.judged(estimate_gap(guard.problem, optimizer, (0.1, 0.0)))
-    guard.scan()
-    observer.filtered(theta_m, model.lags[0])
-
-
-def _attempt(guard: Guard, optimizer: OptimizerLike, start: Start, rng: np.random.Generator | None) -> Attempt:
-    return guard.judged(estimate_gap(guard.problem, optimizer, start, rng))
+    guarded_estimates(Problem(theta_m, theta_m * model.pitch_m_per_rad, model), optimizer, 0.0)

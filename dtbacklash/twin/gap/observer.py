@@ -40,14 +40,30 @@ class Path(NamedTuple):
     start: Array
 
 
+class Lags(NamedTuple):
+    """The powers 1 ... n of F = pole/(s + pole) of one input: z + d u, of n equal lags in a row.
+
+    phi: (n, n), upper triangular, z[k+1] = phi' z[k] + b u[k]. b, d, start: (n,); start: the state z at rest for a unit
+    input. b_of, start_of: (n+1, n), d_of: (n+1,) what each power 0 ... n adds to a :class:`Path`.
+    """
+
+    phi: Array
+    b: Array
+    d: Array
+    start: Array
+    b_of: Array
+    start_of: Array
+    d_of: Array
+
+
 @dataclass(frozen=True)
 class TwinModel:
     """What the twin knows of the structure.
 
     from_q3 [m -> m] and from_theta_d [rad -> m]: the two paths to the output error. settle: first sample of a
     buffer that counts in the cost (0-based). noise_colour: power at zero frequency over mean power, >= 1, of
-    the output error that white noise on q3 causes. lags: (2N+1) paths, the powers 0 ... 2N of pole/(s + pole), of
-    which both paths are sums: another structure has the same lags and other coefficients. structure: the believed one.
+    the output error that white noise on q3 causes. lags: of which both paths are sums: another structure has the same
+    lags and other coefficients. structure: the believed one.
     """
 
     from_q3: Path
@@ -57,7 +73,7 @@ class TwinModel:
     pitch_m_per_rad: float
     pole_rad_s: float
     noise_colour: float
-    lags: tuple[Path, ...]
+    lags: Lags
     structure: StructureParameters
 
 
@@ -65,6 +81,8 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
     """The observer with all n = 2N eigenvalues at -pole_rad_s [rad/s], sampled every sample_time_s [s]."""
     if not pole_rad_s > 0:
         raise UserError("twin.observer_pole_rad_s", pole_rad_s, "a number above 0")
+    if len(structure.masses_kg) > lib.dtb_masses_most():
+        raise UserError("rig", f"{len(structure.masses_kg)} masses", f"at most {lib.dtb_masses_most()} with a twin")
     num, den = structure_polynomials(structure)
     order = len(den) - 1
     from_q3 = sampled_path(in_lags(den, order, pole_rad_s), pole_rad_s, sample_time_s)
@@ -76,7 +94,7 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
         pitch_m_per_rad=structure.static_gain_m_per_rad,
         pole_rad_s=float(pole_rad_s),
         noise_colour=_noise_colour(from_q3),
-        lags=tuple(sampled_path(unit, pole_rad_s, sample_time_s) for unit in np.eye(order + 1)),
+        lags=_lags(order, pole_rad_s, sample_time_s),
         structure=structure,
     )
 
@@ -113,6 +131,18 @@ def sampled_path(lags: Array, pole: float, sample_time_s: float) -> Path:
     return Path(np.array(np.triu(phi), dtype=np.float64), columns[0], float(d[0, 0]), columns[1])
 
 
+def _lags(order: int, pole: float, sample_time_s: float) -> Lags:
+    """The row of lags in which each one's output is the next one's input, sampled by first-order hold."""
+    from scipy.signal import cont2discrete
+
+    each = [sampled_path(unit, pole, sample_time_s) for unit in np.eye(order + 1)]
+    a, first = pole * (np.eye(order, k=-1) - np.eye(order)), pole * np.eye(order, 1)
+    _, b, _, d, _ = cont2discrete((a, first, np.eye(order), np.zeros((order, 1))), sample_time_s, method="foh")
+    start = np.linalg.solve(np.eye(order) - each[0].phi.T, b[:, 0])
+    taken = (np.array([getattr(one, name) for one in each]) for name in ("b", "start", "d"))
+    return Lags(each[0].phi, np.array(b[:, 0]), np.array(d[:, 0]), np.asarray(start, dtype=np.float64), *taken)
+
+
 def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Array:
     """theta_d of the backlash (16)-(17), driven by the samples theta_m; both (N,) [rad].
 
@@ -144,16 +174,6 @@ def cost(
     given = buffer_struct(theta_m, eps_q, path, settle)
     found: float = lib.dtb_cost(given, half_gap, theta_d0, growth, room(path, 1))
     return found
-
-
-def play_sensitivities(theta_m: Array, half_gap: float, theta_d0: float, growth: float, out: Array) -> None:
-    """theta_d and its derivatives by half_gap, theta_d0 and growth into the rows of ``out``, (4, N).
-
-    Exact wherever the play is smooth: theta_d moves with theta_d0 until the first contact, and from then on
-    by -1 or +1 with the gap, by the side that pushed last.
-    """
-    N = len(theta_m)
-    lib.dtb_play_sensitivities(N, copied(theta_m), half_gap, theta_d0, growth, buffer(out, 4, N))
 
 
 def sensitivities(
@@ -189,6 +209,20 @@ def buffer_struct(theta_m: Array, eps_q: Array, path: Path, settle: int) -> Any:
         raise ValueError(f"a buffer of {N} samples that count from {settle} on")
     arrays = {"theta_m": copied(theta_m, N), "eps_q": copied(eps_q, N)}
     return struct("TwinBuffer", samples=N, settle=settle, path=path_struct(path), **arrays)
+
+
+def model_struct(model: TwinModel) -> Any:
+    """What the twin knows of the structure, as the core takes it."""
+    return struct(
+        "TwinModel", from_q3=path_struct(model.from_q3), from_theta_d=path_struct(model.from_theta_d),
+        settle=model.settle, sample_time=model.sample_time_s, pitch=model.pitch_m_per_rad, pole=model.pole_rad_s,
+        noise_colour=model.noise_colour,
+    )  # fmt: skip
+
+
+def lags_struct(lags: Lags) -> Any:
+    """A row of lags as the core takes it."""
+    return struct("TwinLags", n=lags.b.size, **{name: copied(value) for name, value in lags._asdict().items()})
 
 
 def room(path: Path, paths: int) -> Any:

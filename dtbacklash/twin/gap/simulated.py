@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -114,13 +115,27 @@ class SimulatedProblem(Problem):
         """Mean square output error, m^2."""
         return float(np.mean(self._error(abs(gap_rad), theta_d0_rad, 0.0) ** 2))
 
-    def gradient(self, x: Floats) -> tuple[float, Floats]:
-        """Scaled cost and gradient at x = (half gap, theta_d0 - theta_m0) in degrees."""
-        rad = np.pi / 180.0
-        error, by_gap, by_start = self._differences(x[0] * rad, self.theta_m[0] + x[1] * rad)[:3]
-        scale = 1.0 / self.unit_m2
-        slope = 2.0 * scale * rad / error.size * np.array([error @ by_gap, error @ by_start])
-        return float(np.mean(error**2)) * scale, slope
+    def cost_and_gradient(self, gap_rad: float, theta_d0_rad: float) -> tuple[float, float, float]:
+        """Mean square output error, m^2, and its derivatives by gap and theta_d0, m^2/rad."""
+        error, by_gap, by_start = self._differences(gap_rad, theta_d0_rad)[:3]
+        scale = 2.0 / error.size
+        return float(np.mean(error**2)), scale * float(error @ by_gap), scale * float(error @ by_start)
+
+    def simulation(self) -> dict[str, Any]:
+        """See :meth:`.estimate.Problem.simulation`."""
+        room = np.empty((4, self.counted))
+
+        def cost(_: Any, gap: float, start: float, out: Any) -> None:
+            out[0], out[1], out[2] = self.cost_and_gradient(gap, start)
+
+        def rows(_: Any, gap: float, start: float, growth: float, _out: Any) -> None:
+            room[:] = self.rows(gap, start, growth)
+
+        return {
+            "cost": self.calls("void(void *, double, double, double *)", cost),
+            "rows": self.calls("void(void *, double, double, double, double *)", rows),
+            "simulated": room.ravel(),
+        }
 
     def rows(self, gap_rad: float, theta_d0_rad: float, growth_rad_s: float = 0.0) -> Floats:
         """Output error and its derivatives by gap, theta_d0 and growth: (4, counted samples), SI."""

@@ -1,4 +1,4 @@
-"""The asynchronous link between controller and twin: when a buffer is full and when its answer takes effect.
+"""The asynchronous link between controller and twin: when a buffer is full, and when its answer takes effect.
 
 Times are sample indices. An event at sample k opens a buffer that holds the samples k ... k+n-1; the twin
 gets it at sample k+n, before that sample's control step, and its answer is in force from sample k+n+delay on.
@@ -19,6 +19,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+import numpy as np
+
+from dtbacklash.core.library import lib, struct
 from dtbacklash.errors import UserError
 
 Answer = TypeVar("Answer")
@@ -45,14 +48,16 @@ class TwinLink(Generic[Answer]):
     buffer: int
     delay_s: float
     sample_time_s: float
-    _filling: FullBuffer | None = field(default=None, init=False, repr=False)
-    _on_the_way: deque[tuple[int, Answer]] = field(default_factory=deque, init=False, repr=False)
+    _answers: deque[Answer] = field(default_factory=deque, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.buffer < 1:
             raise UserError("twin.buffer", self.buffer, "at least 1 sample")
         if not 0.0 <= self.delay_s < float("inf"):
             raise UserError("twin.delay_s", self.delay_s, "at least 0 s")
+
+        due = np.empty(self.delay + 2, dtype=np.int64)
+        self._struct = struct("TwinLink", length=self.buffer, delay=self.delay, slots=due.size, due=due)
 
     @property
     def delay(self) -> int:
@@ -65,43 +70,36 @@ class TwinLink(Generic[Answer]):
         first: where the buffer begins, by default at the event; an earlier sample sends what memory still
         holds (the buffer may then be full at once).
         """
-        if self._filling is not None:
-            return False
         begin = event if first is None else first
         if not 0 <= begin <= event:
             raise ValueError(f"a buffer can begin at samples 0..{event}, not {begin}")
-        self._filling = FullBuffer(event, begin, begin + self.buffer)
-        return True
+        return bool(lib.dtb_link_open(self._struct, event, begin))
 
     @property
     def filling(self) -> bool:
         """Whether a buffer is being filled."""
-        return self._filling is not None
+        return bool(self._struct.filling)
 
     def next_sample(self) -> int | None:
         """The next sample before which a buffer is full or an answer arrives; None if none is under way."""
-        times = [when for when, _ in self._on_the_way]
-        if self._filling is not None:
-            times.append(max(self._filling.stop, self._filling.event))
-        return min(times, default=None)
+        found: int = lib.dtb_link_next(self._struct)
+        return None if found < 0 else found
 
     def full_buffer(self, k: int) -> FullBuffer | None:
         """The buffer that is full before sample k, once; else None."""
-        ready = self._filling
-        if ready is None or k < max(ready.stop, ready.event):
+        link = self._struct
+        if not lib.dtb_link_full(link, k):
             return None
-        self._filling = None
-        return ready
+        return FullBuffer(link.event, link.first, link.first + link.length)
 
     def send(self, k: int, answer: Answer) -> int:
         """The twin's answer to the buffer taken at sample k; returns the sample from which it is in force."""
-        when = k + self.delay
-        self._on_the_way.append((when, answer))
-        return when
+        self._answers.append(answer)
+        return int(self._struct.due[lib.dtb_link_send(self._struct, k)])
 
     def arrived(self, k: int) -> list[Answer]:
         """Answers that take effect at sample k or before, oldest first; each is handed out once."""
         out = []
-        while self._on_the_way and self._on_the_way[0][0] <= k:
-            out.append(self._on_the_way.popleft()[1])
+        while lib.dtb_link_arrived(self._struct, k) >= 0:
+            out.append(self._answers.popleft())
         return out

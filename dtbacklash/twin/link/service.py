@@ -169,14 +169,18 @@ class Twin:
         problem = self._problem(request)
         rng = np.random.default_rng([request.seed, request.event])
         if self.settings.guard:
-            shading = 1.0 if self.settings.shading is None else self.settings.shading
-            guard = GuardSettings(gap_max_deg=self.settings.gap_max_deg, shading=shading)
-            attempts = guarded_estimates(problem, self.optimizer, request.present_rad, guard, rng=rng)
+            ask = self.guard_settings()
+            attempts = guarded_estimates(problem, self.optimizer, request.present_rad, ask, rng=rng)
         else:
             start = default_start(problem, request.present_rad)
             estimate = estimate_gap(problem, self.optimizer, start, rng)
             attempts = [Attempt(estimate, Verdict(True, "not guarded"))]
         return Answer(tuple(attempts), self.settings.guard, time.perf_counter() - began)
+
+    def guard_settings(self) -> GuardSettings:
+        """What the guard asks for."""
+        shading = 1.0 if self.settings.shading is None else self.settings.shading
+        return GuardSettings(gap_max_deg=self.settings.gap_max_deg, shading=shading)
 
     def _problem(self, request: Request) -> Problem:
         limit = math.radians(self.settings.gap_max_deg)

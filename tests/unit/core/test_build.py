@@ -111,7 +111,8 @@ def test_the_libraries_are_sound_under_sanitizers(tmp_path):
     environment = os.environ | {"LD_PRELOAD": preload, "ASAN_OPTIONS": "detect_leaks=0"}
     here = Path(__file__).parent
     names = ("test_equality.py", "test_laws.py", "test_twin_core.py", "test_control_core.py",
-             "../prove/test_simulator.py", "../prove/test_simulator_rigs.py")  # fmt: skip
+             "../twin/gap/test_model_error.py", "../twin/gap/test_estimate.py", "../prove/test_simulator.py",
+             "../prove/test_simulator_rigs.py")  # fmt: skip
     tests = ["-k", "not with_each_of_its", *(str(here / name) for name in names)]
     done = subprocess.run(
         [sys.executable, "-c", SANITIZED, str(tmp_path), *tests], cwd=TESTS.parent, env=environment,

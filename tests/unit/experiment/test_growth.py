@@ -5,8 +5,9 @@ import math
 import pytest
 
 from dtbacklash.config.compose import compose
+from dtbacklash.core.library import lib
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.experiment.settling import growth_ahead
+from dtbacklash.experiment.settling import HalfGap, answer_struct
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
 from dtbacklash.twin.link.service import Answer
@@ -33,8 +34,10 @@ def answer(gap: float, growth: float, std: float = 0.0, growth_std: float = 0.0)
     ],
 )
 def test_it_is_what_the_buffer_and_the_answers_both_show(now, before, rate):
-    assert growth_ahead(now, (20.0, before)) == pytest.approx(rate)
-    assert growth_ahead(now, None) == 0.0
+    assert lib.dtb_growth_ahead(answer_struct(now, 20), answer_struct(before, 0), 20.0) == pytest.approx(rate)
+    in_force = HalfGap(0.0, 1e-3, 20.0, 3.0)
+    assert in_force.put(now, 0, 10)
+    assert in_force.segment == (now.gap_rad, 0.0, 10)  # without an answer before it does not grow
 
 
 def test_it_is_a_ramp_from_the_estimate_to_its_end():

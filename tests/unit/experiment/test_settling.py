@@ -8,7 +8,7 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.experiment.settling import cycles
+from dtbacklash.experiment.settling import HalfGap
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
 from dtbacklash.twin.link.service import Answer, Reply
@@ -64,8 +64,7 @@ def test_a_gap_with_which_it_rests_is_kept():
     assert result.estimates["reason"].iloc[0] == "sure"
 
 
-def test_what_decays_is_no_cycle():
+@pytest.mark.parametrize(("size", "decay", "gap", "cycle"), [(1.2, 0, 1.0, 1), (1.2, 2, 1.0, 0), (0.02, 0, 0.001, 0)])
+def test_what_decays_is_no_cycle(size, decay, gap, cycle):
     t = np.arange(2000) * 1e-3
-    assert cycles(1.2 * np.sin(40 * t), 1.0)
-    assert not cycles(1.2 * np.exp(-2 * t) * np.sin(40 * t), 1.0)
-    assert not cycles(0.02 * np.sin(40 * t), 0.001)
+    assert HalfGap(gap, 1e-3, 0.0, 3.0).take_back(2000, size * np.exp(-decay * t) * np.sin(40 * t)) == cycle

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from dtbacklash.config.choices import OPTIMIZERS as CONFIGURED
 from dtbacklash.errors import UserError
@@ -45,6 +46,18 @@ def test_every_optimizer_finds_the_gap(moved: Callable[..., Any], name: str, gap
     assert np.degrees(estimate.gap_rad) == pytest.approx(gap_deg, abs=0.02)
     assert estimate.evaluations <= settings.max_evaluations
     assert estimate.gap_rad >= 0.0
+
+
+@pytest.mark.parametrize("start_deg", [5.0, 30.0, 120.0])
+def test_bfgs_takes_the_steps_of_scipy(moved: Callable[..., Any], start_deg: float) -> None:
+    problem = moved(50.0, q3_noise_m=5e-6, seed=1).problem(3000, 1000, PAPER_TWIN)
+    start = default_start(problem, np.radians(start_deg))
+    found = estimate_gap(problem, Optimizer(), start)
+    x0 = np.degrees([start[0], start[1] - problem.theta_m[0]])
+    theirs = minimize(problem.gradient, x0, jac=True, method="BFGS", options={"gtol": 1e-6})
+    assert np.degrees(found.fit_gap_rad) == pytest.approx(abs(theirs.x[0]), abs=1e-6)
+    assert found.evaluations == theirs.nfev
+    assert found.message.startswith("no element") == theirs.success
 
 
 def test_global_methods_are_repeatable_and_need_no_good_start(moved: Callable[..., Any]) -> None:

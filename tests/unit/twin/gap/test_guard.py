@@ -106,10 +106,7 @@ def test_a_point_beside_the_valley(change: Problem) -> None:
 def test_a_false_valley(change: Problem) -> None:
     """If another gap explains the buffer better, even an estimate in a valley is refused."""
     guard = Guard(change, 0.0)
-    costs, starts = guard.scan()
-    costs = costs.copy()
-    costs[20] = 0.0
-    guard._scan = (costs, starts)
+    guard.scan()[0][20] = 0.0
     verdict = guard.judged(estimated(change)).verdict
     assert (verdict.accepted, verdict.reason) == (False, "120 deg explains the buffer as well")
 

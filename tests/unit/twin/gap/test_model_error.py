@@ -9,10 +9,11 @@ import pytest
 
 from dtbacklash.config.run import OptimizerConfig
 from dtbacklash.control.chain import StructureParameters
+from dtbacklash.errors import UserError
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
-from dtbacklash.twin.gap.guard import guarded_estimates
-from dtbacklash.twin.gap.model_error import STEPS, Explanation, Tolerances, _Fit, explained
+from dtbacklash.twin.gap.guard import Explanation, Guard, guarded_estimates
+from dtbacklash.twin.gap.model_error import Tolerances, model_terms
 from dtbacklash.twin.gap.observer import TwinModel, twin_model
 
 from ..conftest import PAPER, PAPER_TWIN, Move, experiment
@@ -42,9 +43,8 @@ def softer(structure: StructureParameters, share: float) -> StructureParameters:
 
 def explanation(theta_m: Any, q3: Any, model: TwinModel) -> Explanation:
     problem = Problem(theta_m, q3, model)
-    return explained(
-        problem, estimate_gap(problem, OptimizerConfig(), default_start(problem, np.radians(TRUE_DEG))), Tolerances()
-    )
+    start = default_start(problem, np.radians(TRUE_DEG))
+    return Guard(problem, 0.0).explained(estimate_gap(problem, OptimizerConfig(), start))
 
 
 def test_the_right_model_is_left_as_it_is(buffer: Any) -> None:
@@ -76,21 +76,6 @@ def test_what_looks_like_a_gap_is_not_taken_for_one(buffer: Any) -> None:
     assert abs(found.estimate.gap_rad - np.radians(TRUE_DEG)) < 2.0 * found.estimate.std_rad
 
 
-def test_the_derivatives_are_those_of_the_error(buffer: Any) -> None:
-    fit = _Fit(Problem(*buffer(), PAPER_TWIN), Tolerances())
-    x = np.array([0.9, -3.0, 0.01, 0.1, -0.1, 0.003, 0.01, 2e-6, 5e-6, 1e-5])
-    error, jacobian = fit.linearised(x)
-    assert np.array_equal(error, fit.error(x))
-    for i, size in enumerate([1e-6, None, 1e-6, 1e-5, 1e-5, 1e-6, 1e-5, 1e-9, 1e-9, 1e-9]):
-        if size is None:  # theta_d0 is forgotten after the contact
-            assert np.abs(jacobian[i]).max() < 1e-9
-            continue
-        step = np.zeros(x.size)
-        step[i] = size
-        numeric = (fit.error(x + step) - fit.error(x - step)) / (2.0 * size)
-        assert jacobian[i] == pytest.approx(numeric, abs=1e-3 * np.abs(numeric).max())
-
-
 def test_the_explaining_model_is_the_fit(buffer: Any) -> None:
     """The twin's cost with the model that explains the buffer is that of the explanation."""
     found = explanation(*buffer(), believing(softer(PAPER, 0.8)))
@@ -99,24 +84,25 @@ def test_the_explaining_model_is_the_fit(buffer: Any) -> None:
     assert found.cost_m2 > found.estimate.cost_m2
 
 
-def test_any_number_of_masses() -> None:
-    rng = np.random.default_rng(0)
-    theta_m = np.cumsum(rng.normal(0.0, 0.01, 1000))
-    for n in (1, 3):
-        model = believing(StructureParameters((5.0,) * n, (1e4,) * n, (30.0,) * n, 3e-4))
-        fit = _Fit(Problem(theta_m, 3e-4 * theta_m, model), Tolerances())
-        x = np.append([0.01, 0.0, 0.0], np.full(5 + n, 1e-6))
-        error, jacobian = fit.linearised(x)
-        assert np.all(np.isfinite(error))
-        assert jacobian.shape == (8 + n, 600)
-        assert STEPS > 1
-
-
-def test_the_lags_are_those_of_the_paths() -> None:
-    fit = _Fit(Problem(np.linspace(0, 1, 1000), np.linspace(0, 3e-4, 1000), PAPER_TWIN), Tolerances())
-    v = fit.coefficients(np.zeros(7))
-    u = np.sin(np.arange(1000.0) / 50.0)
-    lagged = np.array([observer.filtered(u, path) for path in PAPER_TWIN.lags])
-    for part, path in ((v[:5], PAPER_TWIN.from_q3), (v[5:10], PAPER_TWIN.from_theta_d)):
+@pytest.mark.parametrize("ground", [(), (2e3, 0.0, 5e2)])
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_terms_make_the_paths_of_any_stiffness_and_damping(n: int, ground: tuple[float, ...]) -> None:
+    structure = StructureParameters((5.0, 3.0, 4.0)[:n], (1e4, 2e4, 9e3)[:n], (30.0, 20.0, 9.0)[:n], 3e-4, ground[:n],
+                                    tuple(0.01 * k for k in ground[:n]))  # fmt: skip
+    psi = np.append([0.1, -0.3, 0.02], np.zeros(2 + n))
+    other = replace(softer(structure, np.exp(psi[0])), pitch_m_per_rad=1.02 * structure.pitch_m_per_rad,
+                    dampings_n_s_per_m=tuple(np.exp(psi[1]) * c for c in structure.dampings_n_s_per_m))  # fmt: skip
+    v = np.zeros((4, 2 * n + 1))
+    for (of, soft, damped, pitch, factor), term in model_terms(believing(structure)).items():
+        if factor < 0:
+            v[of] += np.exp(soft * psi[0] + damped * psi[1]) * (1.0 + psi[2]) ** pitch * term
+    u, lags, wanted = np.sin(np.arange(1000.0) / 50.0), believing(structure).lags, believing(other)
+    for part, path in ((v[0], wanted.from_q3), (v[1], wanted.from_theta_d)):
+        made = observer.Path(lags.phi, part @ lags.b_of, float(part @ lags.d_of), part @ lags.start_of)
         direct = observer.filtered(u, path)
-        assert part @ lagged == pytest.approx(direct, abs=1e-9 * np.abs(direct).max())
+        assert observer.filtered(u, made) == pytest.approx(direct, abs=1e-9 * np.abs(direct).max())
+
+
+def test_a_twin_of_more_masses_than_the_core_takes_is_refused() -> None:
+    with pytest.raises(UserError, match="9 masses"):
+        believing(StructureParameters((5.0,) * 9, (1e4,) * 9, (30.0,) * 9, 3e-4))
