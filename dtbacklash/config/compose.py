@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
+from functools import lru_cache
 from threading import RLock
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig
 
 from dtbacklash.config.grammar import RUN, Grammar
+from dtbacklash.config.groups import FOLDERS, PACKAGED, has_own
 from dtbacklash.config.load import load
 from dtbacklash.config.run import RunConfig
 
@@ -47,13 +50,46 @@ def compose_for(grammar: Grammar, schema: type[Config], *overrides: str, **given
 
 
 def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
-    import hydra
+    """What Hydra composes; the options of the package are composed once, and values are put into a copy of them."""
+    from hydra._internal.config_loader_impl import ConfigLoaderImpl
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.types import RunMode
 
-    from dtbacklash.config.hydra_app import VERSION_BASE, overrides, register
+    from dtbacklash.config.hydra_app import overrides, register
 
     register()
+    asked = overrides(grammar, words)
+    parsed = OverridesParser.create().parse_overrides(asked)
+    chosen = [_is_choice(one.key_or_group) for one in parsed]
+    choices = [one for one, is_choice in zip(parsed, chosen, strict=True) if is_choice]
+    if has_own() or any(one.package or not _is_packaged(one.key_or_group, one.value()) for one in choices):
+        return _by_hydra(grammar.name, tuple(asked))
+    values = [one for one, is_choice in zip(parsed, chosen, strict=True) if not is_choice]
+    ConfigLoaderImpl.validate_sweep_overrides_legal(values, run_mode=RunMode.RUN, from_shell=False)
+    config = deepcopy(_packaged(grammar.name, tuple(sorted(str(one.input_line) for one in choices))))
+    ConfigLoaderImpl._apply_overrides_to_config(values, config)
+    return config
+
+
+def _is_choice(key: str) -> bool:
+    return key.startswith("hydra") or (PACKAGED / FOLDERS.get(key, key)).is_dir()
+
+
+def _is_packaged(group: str, option: object) -> bool:
+    folder = PACKAGED / FOLDERS.get(group, group)
+    return not group.startswith("hydra") and (option is None or (folder / f"{option}.yaml").is_file())
+
+
+def _by_hydra(name: str, words: tuple[str, ...]) -> DictConfig:
+    import hydra
+
+    from dtbacklash.config.hydra_app import VERSION_BASE
+
     with hydra.initialize_config_module("dtbacklash.conf", version_base=VERSION_BASE):
-        return hydra.compose(grammar.name, overrides=overrides(grammar, words))
+        return hydra.compose(name, overrides=list(words))
+
+
+_packaged = lru_cache(maxsize=64)(_by_hydra)
 
 
 @contextmanager
