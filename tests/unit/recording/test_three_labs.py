@@ -170,20 +170,6 @@ def test_a_log_with_a_defect_is_read_as_it_was_or_refused(lab, defect, tmp_path)
 
 
 @pytest.mark.parametrize("lab", LABS)
-def test_uneven_times_are_resampled_and_that_is_said(lab, tmp_path):
-    log = clean(LABS[lab])
-    uneven = T + np.random.default_rng(1).uniform(-0.1, 0.1, N) * STEP_S
-    for row, t in zip(log.rows, uneven, strict=True):
-        row[0] = log.lab.time(t + STEP_S)
-    (tmp_path / "log.csv").write_bytes(log.write())
-    found = read_recording(tmp_path / "log.csv")
-    assert any("resampled" in note for note in found.notes)
-    at = found.t_s - found.t_s[0] + uneven[0]
-    truth = np.interp(at, uneven, X)
-    assert np.abs(found.channels["x"] - truth)[at < uneven[-1]].max() < 1e-4
-
-
-@pytest.mark.parametrize("lab", LABS)
 def test_what_a_defect_cost_is_said(lab, tmp_path):
     log = clean(LABS[lab])
     for defect in (loses_rows, has_a_gap, repeats_a_row, writes_texts_for_values, stops_early):
