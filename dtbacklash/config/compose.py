@@ -50,7 +50,7 @@ def compose_for(grammar: Grammar, schema: type[Config], *overrides: str, **given
 
 
 def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
-    """What Hydra composes; the options of the package are composed once, and values are put into a copy of them."""
+    """Hydra's configuration. The options of the package are composed once; values go into a copy of them."""
     from hydra._internal.config_loader_impl import ConfigLoaderImpl
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.types import RunMode

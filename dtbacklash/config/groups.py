@@ -43,7 +43,7 @@ def options(group: str) -> list[str]:
 
 
 def has_own() -> bool:
-    """Whether a user's ``conf`` folder here may add options; that of the repository is a link to the package's."""
+    """True if the ``conf`` folder here is a user's; that of the repository is a link to the package's."""
     return USERS.is_dir() and not USERS.samefile(PACKAGED)
 
 
