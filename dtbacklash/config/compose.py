@@ -53,33 +53,25 @@ def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
     """Hydra's configuration. The options of the package are composed once; values go into a copy of them."""
     from hydra._internal.config_loader_impl import ConfigLoaderImpl
     from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.types import RunMode
 
     from dtbacklash.config.hydra_app import overrides, register
 
     register()
     asked = overrides(grammar, words)
-    parsed = OverridesParser.create().parse_overrides(asked)
-    chosen = [_is_choice(one.key_or_group) for one in parsed]
-    choices = [one for one, is_choice in zip(parsed, chosen, strict=True) if is_choice]
-    if has_own() or any(one.package or not _is_packaged(one.key_or_group, one.value()) for one in choices):
-        return _by_hydra(grammar.name, tuple(asked))
-    values = [one for one, is_choice in zip(parsed, chosen, strict=True) if not is_choice]
-    ConfigLoaderImpl.validate_sweep_overrides_legal(values, run_mode=RunMode.RUN, from_shell=False)
-    config = deepcopy(_packaged(grammar.name, tuple(sorted(str(one.input_line) for one in choices))))
+    options, values, known = [], [], not has_own()
+    for one in OverridesParser.create().parse_overrides(asked):
+        folder = PACKAGED / FOLDERS.get(one.key_or_group, one.key_or_group)
+        (options if folder.is_dir() else values).append(one)
+        packaged = not folder.is_dir() or one.value() is None or (folder / f"{one.value()}.yaml").is_file()
+        known &= packaged and not (one.package or one.is_sweep_override() or one.key_or_group.startswith("hydra"))
+    if not known:
+        return _by_hydra.__wrapped__(grammar.name, tuple(asked))
+    config = deepcopy(_by_hydra(grammar.name, tuple(sorted(str(one.input_line) for one in options))))
     ConfigLoaderImpl._apply_overrides_to_config(values, config)
     return config
 
 
-def _is_choice(key: str) -> bool:
-    return key.startswith("hydra") or (PACKAGED / FOLDERS.get(key, key)).is_dir()
-
-
-def _is_packaged(group: str, option: object) -> bool:
-    folder = PACKAGED / FOLDERS.get(group, group)
-    return not group.startswith("hydra") and (option is None or (folder / f"{option}.yaml").is_file())
-
-
+@lru_cache(maxsize=64)
 def _by_hydra(name: str, words: tuple[str, ...]) -> DictConfig:
     import hydra
 
@@ -87,9 +79,6 @@ def _by_hydra(name: str, words: tuple[str, ...]) -> DictConfig:
 
     with hydra.initialize_config_module("dtbacklash.conf", version_base=VERSION_BASE):
         return hydra.compose(name, overrides=list(words))
-
-
-_packaged = lru_cache(maxsize=64)(_by_hydra)
 
 
 @contextmanager

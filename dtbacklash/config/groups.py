@@ -28,7 +28,6 @@ FOLDERS = {"model": "rig"}
 RIGS = ("rig", "model")
 LAUNCHERS = ", ".join(LAUNCHER_NAMES) + " (submitit: an extra)"
 PACKAGED = Path(__file__).parents[1] / "conf"
-USERS = Path("conf")  # where a command is started
 SUFFIXES = (".yaml", ".yml")
 #: rigs to begin with, by what the machine is: files that a user changes, beside this one
 MACHINES = ("screw", "belt", "stage", "drive", "servo", "pendulum", "oscillator")
@@ -38,13 +37,13 @@ NO_RECORDING = "none"  # the option of `dtb run` that says where nothing is save
 def options(group: str) -> list[str]:
     """The options of a folder of ``conf``, packaged and of a ``conf`` folder here, sorted as people count."""
     folder = FOLDERS.get(group, group)
-    mine = USERS / folder
+    mine = Path("conf") / folder
     return _names([PACKAGED / folder, *([mine] if mine.is_dir() else [])])
 
 
 def has_own() -> bool:
     """True if the ``conf`` folder here is a user's; that of the repository is a link to the package's."""
-    return USERS.is_dir() and not USERS.samefile(PACKAGED)
+    return Path("conf").is_dir() and not PACKAGED.samefile("conf")
 
 
 def packaged_options(group: str) -> list[str]:

@@ -80,18 +80,12 @@ class Attempt:
     applied_rad: float = math.nan
 
 
-def profile_point(theta_m: Array, eps_q: Array, half_gap: float, path: Path, settle: int) -> tuple[float, float]:
-    """Least cost [m^2] over theta_d0 for one gap, and that theta_d0 [rad]. Arguments as observer.cost.
+def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
+    """(2, gaps) least cost [m^2] over theta_d0 for each gap, and that theta_d0 [rad]. Arguments as observer.cost.
 
     theta_d0 lies within the gap around theta_m[0]. Where it matters the cost is piecewise quadratic in it, so
     that Newton's method from the best of a few points ends at rounding.
     """
-    value, start = _profile(theta_m, eps_q, np.array([half_gap]), path, settle)[:, 0].tolist()
-    return value, start
-
-
-def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
-    """:func:`profile_point` of each gap, (2, gaps)."""
     out, given = np.empty((2, gaps.size)), observer.buffer_struct(theta_m, eps_q, path, settle)
     lib.dtb_profile(given, gaps.size, buffer(gaps, gaps.size), buffer(out), observer.room(path, 3))
     return out

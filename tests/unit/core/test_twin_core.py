@@ -84,8 +84,6 @@ def test_the_profile(case):
     assert same_bits(
         guard._profile(theta_m, eps_q, gaps, path, settle), oracle._profile(theta_m, eps_q, gaps, path, settle)
     )
-    fixed = theta_m, eps_q, float(gaps[1]), path, settle
-    assert same_bits(guard.profile_point(*fixed), oracle.profile_point(*fixed))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -128,16 +126,19 @@ def test_arrays_that_do_not_fit_are_refused():
         observer.play_sensitivities(np.zeros(10), 0.5, 0.1, 0.0, np.zeros((3, 10)))
     for samples, settle in ((10, -1), (0, 0)):
         with pytest.raises(ValueError, match=f"{samples} samples that count from {settle}"):
-            guard.profile_point(np.zeros(samples), np.zeros(samples), 0.5, path, settle)
+            guard._profile(np.zeros(samples), np.zeros(samples), np.array([0.5]), path, settle)
 
 
 def test_threads_do_not_disturb_each_other():
     rng, path = np.random.default_rng(4), model_of(3).from_theta_d
     case = angle(4000, rng), 1e-4 * rng.standard_normal(4000)
     gaps = np.linspace(0.0, 1.0, 40)
-    one_by_one = [guard.profile_point(*case, gap, path, 400) for gap in gaps]
+
+    def point(gap):
+        return guard._profile(*case, np.array([gap]), path, 400).tolist()
+
     with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(lambda gap: guard.profile_point(*case, gap, path, 400), gaps)) == one_by_one
+        assert list(pool.map(point, gaps)) == [point(gap) for gap in gaps]
 
 
 @pytest.mark.parametrize("effects", [[], *([one] for one in EFFECTS), EFFECTS])
