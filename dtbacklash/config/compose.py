@@ -58,16 +58,15 @@ def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
 
     register()
     asked = overrides(grammar, words)
-    options, values, known = [], [], not has_own()
-    for one in OverridesParser.create().parse_overrides(asked):
-        folder = PACKAGED / FOLDERS.get(one.key_or_group, one.key_or_group)
-        (options if folder.is_dir() else values).append(one)
-        packaged = not folder.is_dir() or one.value() is None or (folder / f"{one.value()}.yaml").is_file()
-        known &= packaged and not (one.package or one.is_sweep_override() or one.key_or_group.startswith("hydra"))
-    if not known:
+    parsed = OverridesParser.create().parse_overrides(asked)
+    folders = [PACKAGED / FOLDERS.get(one.key_or_group, one.key_or_group) for one in parsed]
+    options = [one for one, folder in zip(parsed, folders, strict=True) if folder.is_dir()]
+    files = [f / f"{one.value()}.yaml" for one, f in zip(parsed, folders, strict=True) if f.is_dir()]
+    other = any(one.package or one.is_sweep_override() or one.key_or_group.startswith("hydra") for one in parsed)
+    if has_own() or other or not all(file.is_file() for file in files):
         return _by_hydra.__wrapped__(grammar.name, tuple(asked))
     config = deepcopy(_by_hydra(grammar.name, tuple(sorted(str(one.input_line) for one in options))))
-    ConfigLoaderImpl._apply_overrides_to_config(values, config)
+    ConfigLoaderImpl._apply_overrides_to_config([one for one in parsed if one not in options], config)
     return config
 
 
