@@ -159,6 +159,12 @@ def test_whatever_is_lost_what_remains_is_the_recording(frame, losses, channel):
     assert np.allclose(again.channels["q3"], recording.channels["q3"])
 
 
+def test_a_few_double_stamps_are_dropped(frame, save):
+    recording = read_recording(save(pd.concat([frame[:900], frame[899:]])))
+    note(recording, "Of 1 pair of rows at one time the later one counts.")
+    assert recording.samples == len(frame)
+
+
 def test_rows_without_a_time(frame, save, refusal):
     frame.loc[[7, 8], "t"] = np.nan
     recording = read_recording(save(frame))
