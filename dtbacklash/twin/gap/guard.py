@@ -81,10 +81,10 @@ class Attempt:
 
 
 def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
-    """(2, gaps) least cost [m^2] over theta_d0 for each gap, and that theta_d0 [rad]. Arguments as observer.cost.
+    """For each gap the least cost [m^2] over theta_d0, and that theta_d0 [rad], (2, gaps).
 
     theta_d0 lies within the gap around theta_m[0]. Where it matters the cost is piecewise quadratic in it, so
-    that Newton's method from the best of a few points ends at rounding.
+    that Newton's method from the best of a few points ends at rounding. Arguments as observer.cost.
     """
     out, given = np.empty((2, gaps.size)), observer.buffer_struct(theta_m, eps_q, path, settle)
     lib.dtb_profile(given, gaps.size, buffer(gaps, gaps.size), buffer(out), observer.room(path, 3))

@@ -73,6 +73,11 @@ class TwinLink(Generic[Answer]):
         self._filling = FullBuffer(event, begin, begin + self.buffer)
         return True
 
+    @property
+    def filling(self) -> bool:
+        """Whether a buffer is being filled."""
+        return self._filling is not None
+
     def next_sample(self) -> int | None:
         """The next sample before which a buffer is full or an answer arrives; None if none is under way."""
         times = [when for when, _ in self._on_the_way]

@@ -132,13 +132,10 @@ def test_arrays_that_do_not_fit_are_refused():
 def test_threads_do_not_disturb_each_other():
     rng, path = np.random.default_rng(4), model_of(3).from_theta_d
     case = angle(4000, rng), 1e-4 * rng.standard_normal(4000)
-    gaps = np.linspace(0.0, 1.0, 40)
-
-    def point(gap):
-        return guard._profile(*case, np.array([gap]), path, 400).tolist()
-
+    gaps = np.linspace(0.0, 1.0, 40).reshape(40, 1)
+    one_by_one = [guard._profile(*case, gap, path, 400).tolist() for gap in gaps]
     with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(point, gaps)) == [point(gap) for gap in gaps]
+        assert list(pool.map(lambda gap: guard._profile(*case, gap, path, 400).tolist(), gaps)) == one_by_one
 
 
 @pytest.mark.parametrize("effects", [[], *([one] for one in EFFECTS), EFFECTS])

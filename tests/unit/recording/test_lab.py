@@ -62,6 +62,13 @@ def test_an_excel_file(tmp_path):
     assert np.allclose(found.channels["x"], 1e-3 * X)
 
 
+def test_the_sample_time_may_be_given(tmp_path):
+    pd.DataFrame({"u": U, "x [mm]": X}).to_csv(tmp_path / "a.csv", index=False)
+    assert read_recording(tmp_path / "a.csv", sample_time_s=0.002).sample_time_s == 0.002
+    with pytest.raises(UserError, match=r"recording\.sample_time_s=SECONDS"):
+        read_recording(tmp_path / "a.csv")
+
+
 def test_a_message_says_what_the_file_has_and_what_this_rig_wants(lead_screw, tmp_path):
     pd.DataFrame({"t": 1e-3 * K, "u": U, "Laser": X}).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(UserError, match=r"the file has t, u, Laser; lead_screw wants u and some of theta_m"):
