@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
+from functools import lru_cache
 from threading import RLock
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig
 
 from dtbacklash.config.grammar import RUN, Grammar
+from dtbacklash.config.groups import FOLDERS, PACKAGED, has_own
 from dtbacklash.config.load import load
 from dtbacklash.config.run import RunConfig
 
@@ -47,13 +50,34 @@ def compose_for(grammar: Grammar, schema: type[Config], *overrides: str, **given
 
 
 def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
-    import hydra
+    """Hydra's configuration. The options of the package are composed once; values go into a copy of them."""
+    from hydra._internal.config_loader_impl import ConfigLoaderImpl
+    from hydra.core.override_parser.overrides_parser import OverridesParser
 
-    from dtbacklash.config.hydra_app import VERSION_BASE, overrides, register
+    from dtbacklash.config.hydra_app import overrides, register
 
     register()
+    asked = overrides(grammar, words)
+    parsed = OverridesParser.create().parse_overrides(asked)
+    folders = [PACKAGED / FOLDERS.get(one.key_or_group, one.key_or_group) for one in parsed]
+    options = [one for one, folder in zip(parsed, folders, strict=True) if folder.is_dir()]
+    files = [f / f"{one.value()}.yaml" for one, f in zip(parsed, folders, strict=True) if f.is_dir()]
+    other = any(one.package or one.is_sweep_override() or one.key_or_group.startswith("hydra") for one in parsed)
+    if has_own() or other or not all(file.is_file() for file in files):
+        return _by_hydra.__wrapped__(grammar.name, tuple(asked))
+    config = deepcopy(_by_hydra(grammar.name, tuple(sorted(str(one.input_line) for one in options))))
+    ConfigLoaderImpl._apply_overrides_to_config([one for one in parsed if one not in options], config)
+    return config
+
+
+@lru_cache(maxsize=64)
+def _by_hydra(name: str, words: tuple[str, ...]) -> DictConfig:
+    import hydra
+
+    from dtbacklash.config.hydra_app import VERSION_BASE
+
     with hydra.initialize_config_module("dtbacklash.conf", version_base=VERSION_BASE):
-        return hydra.compose(grammar.name, overrides=overrides(grammar, words))
+        return hydra.compose(name, overrides=list(words))
 
 
 @contextmanager

@@ -41,6 +41,11 @@ def options(group: str) -> list[str]:
     return _names([PACKAGED / folder, *([mine] if mine.is_dir() else [])])
 
 
+def has_own() -> bool:
+    """True if the ``conf`` folder here is a user's; that of the repository is a link to the package's."""
+    return Path("conf").is_dir() and not PACKAGED.samefile("conf")
+
+
 def packaged_options(group: str) -> list[str]:
     """The options of a group of its own that come with the package, sorted as people count."""
     if group in FOLDERS:

@@ -21,6 +21,10 @@ from dtbacklash.experiment import signals
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.experiment.result import RunResult
 
+FOLDER = os.environ.get("DTB_RECORDINGS", "")
+#: beside the repository, where a shared folder of recordings may lie
+NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+
 SENSORS = ("theta_m", "q3")
 SIGNALS = [
     {"signal": "u", "column": "u_v", "unit": "V", "of": "", "quantity": "command",
@@ -55,6 +59,16 @@ def pretend(config, progress=None):
     seen = dict.fromkeys(("r", "u", *SENSORS), 1e-3 * r_mm)
     own = {name: name for name in ("u_v", "theta_m_rad", "q3_mm")}
     return RunResult(config, rig, trace, seen, move_table(trace), pd.DataFrame(columns=heads), summary, own=own)
+
+
+@pytest.fixture
+def public(monkeypatch):
+    """Use the folder of public recordings, or skip."""
+    folder = Path(FOLDER) if FOLDER else NEIGHBOUR
+    if not (folder / "emps").is_dir():
+        pytest.skip("the public recordings are not at hand: set DTB_RECORDINGS to their folder")
+    monkeypatch.setenv("DTB_RECORDINGS", str(folder))
+    return folder
 
 
 @pytest.fixture

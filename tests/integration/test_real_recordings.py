@@ -5,9 +5,7 @@ or open. Parts of the records, so that each takes a minute at most;
 docs/real-recordings.md has the figures of them all.
 """
 
-import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -26,22 +24,7 @@ from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording, read_recording
 
-pytestmark = pytest.mark.check
-
-FOLDER = os.environ.get("DTB_RECORDINGS", "")
-#: beside the repository, where a shared folder of recordings may lie
-NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _public():
-    """Use the folder of public recordings, or skip."""
-    folder = Path(FOLDER) if FOLDER else NEIGHBOUR
-    if not (folder / "emps").is_dir():
-        pytest.skip("the public recordings are not at hand: set DTB_RECORDINGS to their folder")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DTB_RECORDINGS", str(folder))
-        yield
+pytestmark = [pytest.mark.check, pytest.mark.usefixtures("public")]
 
 
 def named(found: Diagnosis) -> dict[tuple[str, str], dict[str, dict]]:

@@ -1,8 +1,6 @@
 """`dtb recordings`, what `dtb run recording.save=` writes, and the public recordings where they are at hand."""
 
-import os
 import socket
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,20 +10,6 @@ from told import refusal
 from dtbacklash import cli
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import mapping_names, read_recording, refined
-
-FOLDER = os.environ.get("DTB_RECORDINGS", "")
-#: beside the repository, where a shared folder of recordings may lie
-NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
-
-
-@pytest.fixture
-def public(monkeypatch):
-    """Use the folder of public recordings, or skip."""
-    folder = Path(FOLDER) if FOLDER else NEIGHBOUR
-    if not (folder / "emps").is_dir():
-        pytest.skip("the public recordings are not at hand: set DTB_RECORDINGS to their folder")
-    monkeypatch.setenv("DTB_RECORDINGS", str(folder))
-    return folder
 
 
 @pytest.fixture

@@ -185,20 +185,3 @@ def test_an_fmu_of_the_same_arm_names_the_same_cause(tmp_path, monkeypatch):
     assert (cause.location, cause.effect, cause.confidence) == ("elbow", "coulomb_friction", "sure")
     assert cause.parameters["torque"].value == pytest.approx(0.25, rel=0.03)
     assert found.recalibrated["m2"].value == pytest.approx(1.03 * 0.8, rel=0.01)
-
-
-@pytest.mark.nightly
-def test_several_recordings_of_one_model_name_the_same_cause(tmp_path, monkeypatch):
-    pytest.importorskip("mujoco")
-    monkeypatch.chdir(tmp_path)
-    Path("arm.xml").write_text(block("xml"))
-    Path("arm.yaml").write_text(block("yaml"))
-    for name, seed, pace in (("a", 1, "1.9"), ("b", 2, "1.4")):
-        text = block("python").replace("default_rng(1)", f"default_rng({seed})").replace("1.9 * t", f"{pace} * t")
-        Path("log.py").write_text(text.replace("log.csv", f"{name}.csv").replace("range(1500)", "range(700)"))
-        runpy.run_path("log.py")
-    found = dtb.diagnose(["a.csv", "b.csv"], "arm.yaml", jobs=1).diagnosis
-    (cause,) = found.findings
-    assert (cause.location, cause.effect, cause.confidence) == ("elbow", "coulomb_friction", "sure")
-    assert cause.parameters["torque"].value == pytest.approx(0.25, rel=0.03)
-    assert found.recalibrated["bodies.fore.mass"].value == pytest.approx(1.03 * 0.8, rel=0.01)

@@ -1,4 +1,4 @@
-"""One sample of a controller, of the lock-in filter and of the motor's equation, in Python: as ``control.c`` has it."""
+"""One sample of a controller and of the motor's equation, in Python: as ``control.c`` has it."""
 
 import math
 
@@ -232,25 +232,6 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
         own_u = limited(C, C.gain * (theta_ref + ahead - own))
         advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
     return u, eps
-
-
-def novelty_step(state, sos, cos_step, sin_step, error):
-    squares = 0.0
-    for channel in range(2):
-        value = 2.0 * error * state[channel]
-        for section in range(sos.shape[0]):
-            at = 2 + 4 * section + 2 * channel
-            out = sos[section, 0] * value + state[at]
-            state[at] = sos[section, 1] * value - sos[section, 4] * out + state[at + 1]
-            state[at + 1] = sos[section, 2] * value - sos[section, 5] * out
-            value = out
-        squares += value * value
-        state[state.shape[0] - 2 + channel] = value
-    real = state[0] * cos_step - state[1] * sin_step
-    imag = state[0] * sin_step + state[1] * cos_step
-    pull = 1.5 - 0.5 * (real * real + imag * imag)
-    state[0], state[1] = real * pull, imag * pull
-    return np.sqrt(squares)
 
 
 def residual_torque(E, past, lags, theta, u):

@@ -87,14 +87,6 @@ def torque_record(E: MotorEquation, theta: Floats, u: Floats) -> tuple[Floats, F
     theta, u = (np.ascontiguousarray(values, dtype=float) for values in (theta, u))
     torque, speed = np.empty_like(theta), np.empty_like(theta)
     past, lags = np.repeat([theta[0], u[0]], 4), np.zeros(9)
-    lib.dtb_residual_torque(
-        motor_struct(E),
-        buffer(past),
-        buffer(lags),
-        theta.size,
-        buffer(theta),
-        buffer(u, theta.size),
-        buffer(torque),
-        buffer(speed),
-    )
+    records = (buffer(one, theta.size) for one in (theta, u, torque, speed))
+    lib.dtb_residual_torque(motor_struct(E), buffer(past), buffer(lags), theta.size, *records)
     return torque, speed

@@ -93,3 +93,13 @@ def test_inside_an_application_of_hydra(mine):
 def test_what_is_enough_is_read_as_it_is_written(written, read):
     config = compose_for(DIAGNOSE, DiagnoseConfig, "recording.source=bench.csv", f"enough={{q3: {written}}}")
     assert config.enough == {"q3": read}
+
+
+@pytest.mark.parametrize("words", [
+    ("controller=imc", "seed=3"), ("controller=imc",), ("experiment=aging", "changes=[{at_s:3,parameters:{k:9000}}]"),
+    ("rig=pendulum", "controller=open_loop", "+sensors.noise.theta_rad=0.001"), ("model=lead_screw", "twin=unguarded"),
+])  # fmt: skip
+def test_options_that_were_composed_before_are_as_hydra_composes_them(words, monkeypatch):
+    again = [compose(*words), compose(*words)]
+    monkeypatch.setattr("dtbacklash.config.compose.has_own", lambda: True)
+    assert again == [compose(*words)] * 2

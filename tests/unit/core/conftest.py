@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracle import filter as oracle_filter
 from oracle import passes as oracle_passes
 
-from dtbacklash.diagnosis.engine import candidates, predictor, rig_simulator
+from dtbacklash.diagnosis.engine import rig_simulator
 from dtbacklash.physics import simulate as simulation
 
 #: of the largest size in a column; the two differ in the last bit at most, and where a machine does not run away that
@@ -31,7 +30,7 @@ def assert_alike(ours: np.ndarray, theirs: np.ndarray, tolerance: float = TOLERA
 
 
 class Twice:
-    """Functions that fill arrays, or give them, each called by the core and by the oracle; ``calls`` counts them."""
+    """Functions that fill arrays, each called by the core and by the oracle; ``calls`` counts them."""
 
     def __init__(self) -> None:
         self.calls: dict[str, int] = {}
@@ -51,21 +50,6 @@ class Twice:
 
         return call
 
-    def giving(self, name: str, ours: Callable[..., Any], theirs: Callable[..., Any], tolerance: float) -> Any:
-        """Of arrays alone."""
-
-        def call(*given: Any) -> Any:
-            expected, found = theirs(*given), ours(*given)
-            if name == "riccati":
-                assert_solves_riccati(found, expected, *given)
-            else:
-                for one, other in zip(*((v if isinstance(v, tuple) else (v,)) for v in (found, expected)), strict=True):
-                    assert_alike(np.atleast_1d(one), np.atleast_1d(other), tolerance)
-            self.calls[name] = self.calls.get(name, 0) + 1
-            return found
-
-        return call
-
 
 def _copied(one: Any) -> Any:
     if hasattr(one, "_fields"):
@@ -73,39 +57,12 @@ def _copied(one: Any) -> Any:
     return one.copy() if isinstance(one, np.ndarray) else one
 
 
-def assert_solves_riccati(found: np.ndarray, expected: np.ndarray, *given: np.ndarray) -> None:
-    """As well as the oracle does, or as the rounding of the equations that are solved for it lets any."""
-    A, C, Q, R = given
-    condition = np.linalg.cond(np.eye(len(A)) + C.T @ np.linalg.solve(R, C) @ Q)
-    allowed = 10.0 * (_left_of_riccati(expected, *given) + np.finfo(float).eps * condition)
-    assert _left_of_riccati(found, *given) <= allowed
-
-
-def _left_of_riccati(H: np.ndarray, A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> float:
-    """What a covariance leaves of the equation, in units of its states."""
-    gain = np.linalg.solve(C @ H @ C.T + R, C @ H @ A.T)
-    unit = np.sqrt(np.diag(H))
-    return float(np.abs((A @ H @ A.T - A @ H @ C.T @ gain + Q - H) / np.outer(unit, unit)).max())
-
-
-#: what solves equations, by elimination here and by LAPACK there
-SOLVED = {"opening": 1e-8, "update": 1e-9}
-
-
 @pytest.fixture
 def twice(monkeypatch: pytest.MonkeyPatch) -> Twice:
-    """The simulation and the predictor, with the core and its oracle called side by side."""
+    """The simulation and the passes of a predictor, by the core and its oracle side by side."""
     both = Twice()
     monkeypatch.setattr(simulation, "run", both.filling("run", simulation.run, oracle_passes.run))
     for name, theirs in (("observe", "observe"), ("onwards", "onwards"), ("shown", "shown"), ("amplify", "amplified")):
         ours = getattr(rig_simulator, name)
         monkeypatch.setattr(rig_simulator, name, both.filling(name, ours, getattr(oracle_passes, theirs)))
-    for module, names in (
-        (predictor, ("driven", "frozen", "opening", "riccati", "update")),
-        (candidates, ("answers",)),
-    ):
-        for name in names:
-            ours, theirs = getattr(module, name), getattr(oracle_filter, name)
-            tolerance = SOLVED.get(name, TOLERANCE)
-            monkeypatch.setattr(module, name, both.giving(name, ours, theirs, tolerance))
     return both

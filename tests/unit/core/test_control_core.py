@@ -1,4 +1,4 @@
-"""A sample of every controller, the lock-in filter and the motor's equation beside the same in Python, bit for bit."""
+"""A sample of every controller and the motor's equation beside the same in Python, bit for bit."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, design_for, settled
 from dtbacklash.control.laws import build_controller, control_step, crossing_samples, feed_forward, new_controller_state
 from dtbacklash.twin.bank.equation import motor_equation, torque_record
-from dtbacklash.twin.gap.novelty import novelty_design, novelty_index
 
 SAMPLES = 400
 CONTROLLERS = [
@@ -54,17 +53,6 @@ def test_a_controller_answers_as_its_oracle(words, seed):
         assert np.array_equal(mine, other)
     assert crossing_samples(controller, gap) == oracle.crossing_samples(controller, gap)
     assert feed_forward(controller, ours, 0.4) == oracle.feed_forward(controller, theirs, 0.4)
-
-
-@pytest.mark.parametrize("kind", ["ellip", "cheby2"])
-def test_the_lock_in_filter_shows_what_its_oracle_does(kind):
-    design = novelty_design(kind, 25.0, 1e-3)
-    errors = 1e-4 * np.random.default_rng(0).standard_normal(2000) + 1e-3 * np.sin(0.025 * np.arange(2000))
-    ours, theirs = design.initial_state(), design.initial_state()
-    found = novelty_index(errors, design.sos, design.cos_step, design.sin_step, ours)
-    steps = [oracle.novelty_step(theirs, design.sos, design.cos_step, design.sin_step, float(e)) for e in errors]
-    assert np.array_equal(found, steps)
-    assert np.array_equal(ours, theirs)
 
 
 def test_the_motor_equation_leaves_over_what_its_oracle_does():

@@ -1,16 +1,11 @@
 """What an FMU offers, and what is written into it."""
 
 import math
-import shutil
-import subprocess
 
 import pytest
 
 from dtbacklash.api.rigs import load_rig
-from dtbacklash.fmu.description import SOURCE
 from dtbacklash.fmu.interface import INPUT, OUTPUT, PARAMETER, base_unit, identifier, variables
-from dtbacklash.fmu.library import read_source, source_of
-from dtbacklash.fmu.machine import core_sources, numbers_of
 
 BACKLASH = "rig.effects.gear.backlash.half_gap=0.2"
 OFFSET = "rig.effects.sensor_q3.offset.offset=0.001"
@@ -71,16 +66,3 @@ def test_a_name_that_is_no_identifier_becomes_one():
     found = identifier(replace(rig, config=replace(rig.config, name="2. Antrieb (älter)")))
     assert found.isidentifier()
     assert found.isascii()
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_the_source_compiles_beside_those_of_the_core(version, tmp_path):
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no cc")
-    slave = numbers_of(load_rig("lead_screw", BACKLASH), 1e-3, 0, 16) + read_source("machine.c")
-    sources = core_sources()
-    assert SOURCE not in sources
-    for name, text in {**sources, SOURCE: source_of(slave, "token", version)}.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    subprocess.run([compiler, "-std=c99", "-Wall", "-Werror", "-fsyntax-only", SOURCE], cwd=tmp_path, check=True)

@@ -104,13 +104,6 @@ def test_rounded_stamps_are_not_jitter(frame, save):
     assert np.allclose(recording.channels["q3"], frame.q3)
 
 
-def test_a_few_missing_rows_are_interpolated(frame, save):
-    recording = read_recording(save(frame.drop(index=[500, 501, 502, 2000])))
-    note(recording, "4 missing samples were interpolated")
-    assert recording.samples == len(frame)
-    assert np.abs(recording.channels["q3"] - frame.q3).max() < 1e-3 * np.ptp(recording.channels["q3"])
-
-
 def test_a_gap_makes_two_stretches(frame, save):
     recording = read_recording(save(frame.drop(index=range(1000, 1300))))
     said = [n for n in recording.notes if not n.startswith("Units: ")]
@@ -195,15 +188,6 @@ def test_without_a_time_column_the_step_must_be_given(frame, save, refusal):
 # --- channels
 
 
-def test_short_runs_of_nan_are_interpolated(frame, save):
-    spoilt = frame.copy()
-    spoilt.loc[100:104, "q3"] = np.nan
-    spoilt.loc[2000, "q3"] = np.nan
-    recording = read_recording(save(spoilt))
-    note(recording, "Channel q3: 6 missing values interpolated, at most 5 in a row")
-    assert np.abs(recording.channels["q3"] - frame.q3).max() < 1e-3 * np.ptp(recording.channels["q3"])
-
-
 def test_a_dropout_makes_two_stretches(frame, save):
     frame.loc[2000:2060, "q3"] = np.nan
     recording = read_recording(save(frame))
@@ -212,14 +196,6 @@ def test_a_dropout_makes_two_stretches(frame, save):
     assert np.array_equal(recording.channels["u"], frame.u.drop(index=range(2000, 2061)))
     train, held_out = split(recording)
     assert (train.stretches, held_out.stretches) == (((0, 2000), (2000, 2757)), ((0, 1182),))
-
-
-def test_nan_at_the_ends_are_cut_off(frame, save):
-    frame.loc[:49, "q3"] = np.nan
-    frame.loc[3950:, "theta_m"] = np.nan
-    recording = read_recording(save(frame))
-    note(recording, "100 rows at the ends")
-    assert recording.samples == 3900
 
 
 def test_a_channel_without_values(frame, save, refusal):

@@ -100,17 +100,6 @@ def test_matlab_73_is_read_or_its_extra_is_named(frame, tmp_path, refusal):
     assert np.allclose(read_recording(tmp_path / "seen.mat").channels["q3"], frame.q3)
 
 
-def test_columns_of_a_trace_are_known_by_their_suffixes(frame, save):
-    trace = frame.rename(columns={"t": "t_s", "r": "r_mm", "u": "u_v", "theta_m": "theta_m_deg", "q3": "q3 [m]"})
-    trace["i_m_a"], trace["counts"] = trace["u_v"] / 12, 1.0
-    recording = read_recording(save(trace))
-    assert recording.units["i_m"] == "A"
-    assert np.allclose(recording.channels["q3"], frame.q3)
-    assert np.allclose(recording.channels["r"], 1e-3 * frame.r)
-    assert np.allclose(recording.channels["theta_m"], np.radians(frame.theta_m))
-    assert recording.notes == ["Columns that are no channels of the rig are not used: counts."]
-
-
 def test_in_open_loop_the_reference_is_the_command(frame, save):
     recording = read_recording(save(frame.assign(r=frame.u)))
     assert recording.units["r"] == "V"
@@ -193,28 +182,6 @@ def test_text_that_looks_like_a_table_gives_a_user_error_and_nothing_else(body, 
     file.write_text("t,u,q3\n" + body)
     with pytest.raises(UserError):
         read_recording(file)
-
-
-@RELAXED
-@given(
-    kind=st.sampled_from(["csv", "parquet"]),
-    samples=st.integers(100, 300),
-    step_s=st.sampled_from([1e-4, 2.5e-4, 1e-3, 1 / 1024, 0.01]),
-    scale=st.floats(1e-9, 1e6),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_what_a_run_writes_comes_back(kind, samples, step_s, scale, seed, tmp_path):
-    noise = np.random.default_rng(seed).standard_normal((3, samples)) * scale
-    t = np.arange(samples) * step_s
-    written = pd.DataFrame({"t": t, "r": noise[0], "u": noise[1], "q3": noise[2]})
-    file = tmp_path / "seen.bin"
-    file.write_bytes(as_bytes(kind, written))
-    recording = read_recording(file)
-    assert recording.samples == samples
-    assert recording.sample_time_s == pytest.approx(step_s, rel=1e-9)
-    assert np.allclose(recording.t_s, t, rtol=0, atol=1e-9 * step_s * samples)
-    assert np.allclose(recording.channels["u"], noise[1], rtol=1e-12, atol=0)
-    assert np.allclose(recording.channels["q3"], noise[2], rtol=1e-12, atol=0)
 
 
 # --- what files hold that nobody expects

@@ -23,27 +23,13 @@ def read(frame: pd.DataFrame) -> Recording:
     return Recording.from_frame(frame, rig=nominal_rig("pendulum"))
 
 
-def test_a_copy_is_known():
-    assert shared_rows(read(moved(1)), read(moved(1))) == 2000
+WHOLE = moved(1)
+NUDGED = {c: WHOLE.assign(**{c: WHOLE[c] + 1e-9 * (WHOLE.index == 1999)}) for c in ("u", "theta")}
 
 
-@pytest.mark.parametrize("channel", ["u", "theta"])
-def test_what_differs_anywhere_is_no_copy(channel):
-    other = moved(1)
-    other.loc[1999, channel] += 1e-9
-    assert shared_rows(read(moved(1)), read(other)) == 0
-
-
-def test_the_same_motion_recorded_again_is_another_recording():
-    assert shared_rows(read(moved(1)), read(moved(2))) == 0
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_part_of_it_shares_all_its_rows(turned):
-    both = read(moved(1)), read(moved(1)[500:1700].reset_index(drop=True))
-    assert shared_rows(*(both[::-1] if turned else both)) == 1200
-
-
-def test_a_command_alone_is_no_copy():
-    with_speed = read(moved(1).rename(columns={"theta": "omega"}))
-    assert shared_rows(read(moved(1)), with_speed) == 0
+@pytest.mark.parametrize(("other", "shared"), [
+    (WHOLE, 2000), (WHOLE[500:1700].reset_index(drop=True), 1200), (moved(2), 0),
+    (NUDGED["u"], 0), (NUDGED["theta"], 0), (WHOLE.rename(columns={"theta": "omega"}), 0),
+], ids=["a copy", "a part", "the same motion again", "another command", "another angle", "another sensor"])  # fmt: skip
+def test_rows_are_shared_where_all_samples_are_the_same(other, shared):
+    assert shared_rows(read(WHOLE), read(other)) == shared_rows(read(other), read(WHOLE)) == shared

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from dtbacklash.diagnosis.engine.predictor import Predictor
 from dtbacklash.diagnosis.engine.resampling import readings
@@ -46,14 +45,3 @@ def segments_of(rig: Rig, u: np.ndarray, y: dict) -> Segments:
 def with_sensors(rig: Rig, **sensors: dict[str, str]) -> Rig:
     """The rig with more sensors."""
     return build_rig(replace(rig.config, sensors=dict(rig.config.sensors) | sensors))
-
-
-@pytest.fixture
-def as_before():
-    """What a test adds to the catalogue is taken out again."""
-    from dtbacklash.physics.catalogue import CATALOGUE
-
-    before = dict(CATALOGUE)
-    yield
-    for key in set(CATALOGUE) - set(before):
-        del CATALOGUE[key]

@@ -10,8 +10,6 @@ from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_i
 OMEGA_D, TS = 27.06868, 1e-3
 T = np.arange(20_000) * TS
 SETTLED = slice(6_000, None)
-#: Gain of both filters at the mode and above: at least 40 dB down.
-AT_MODE = 0.0101
 
 
 def index(design: NoveltyDesign, errors: np.ndarray) -> np.ndarray:
@@ -28,17 +26,6 @@ def test_a_sine_at_the_mode_gives_its_amplitude(lock_in: NoveltyDesign, phase: f
     amplitude = index(lock_in, 0.37 * np.sin(OMEGA_D * T + phase))[SETTLED]
     assert amplitude == pytest.approx(0.37, rel=0.012)  # the image at 2 omega_d is 40 dB down
     assert np.mean(amplitude) == pytest.approx(0.37, rel=1e-3)
-
-
-def test_a_constant_is_suppressed(lock_in: NoveltyDesign) -> None:
-    amplitude = index(lock_in, np.ones(T.size))[SETTLED]
-    assert np.max(amplitude) <= 2.0 * AT_MODE  # eqs (20), (21) carry a factor of 2
-
-
-@pytest.mark.parametrize("ratio", [2.0, 3.0, 10.0])
-def test_other_frequencies_are_suppressed(lock_in: NoveltyDesign, ratio: float) -> None:
-    amplitude = index(lock_in, np.sin(ratio * OMEGA_D * T))[SETTLED]
-    assert np.max(amplitude) <= AT_MODE + 0.0101  # images at the difference and at the sum
 
 
 @pytest.mark.parametrize(("name", "cut_off"), [("ellip", 0.500), ("cheby2", 0.332)])
@@ -59,14 +46,6 @@ def test_the_papers_filter_has_both_edges_at_once() -> None:
     half, mode = 20.0 * np.log10(np.abs(sosfreqz(design.sos, np.array([0.5, 1.0]) * OMEGA_D * TS)[1]))
     assert half == pytest.approx(-3.0, abs=1e-6)
     assert mode == pytest.approx(-40.94, abs=0.01)
-
-
-@pytest.mark.parametrize("sigma", [1.0, 0.05])
-def test_white_noise_is_attenuated_as_the_filters_bandwidth_says(lock_in: NoveltyDesign, sigma: float) -> None:
-    noise = sigma * np.random.default_rng(1).standard_normal(1_000_000)
-    rms = np.sqrt(np.mean(index(lock_in, noise)[SETTLED] ** 2))
-    power = np.mean(np.abs(sosfreqz(lock_in.sos, 2**18)[1]) ** 2)  # of |H|^2 over the whole band
-    assert rms == pytest.approx(2.0 * sigma * np.sqrt(power), rel=0.03)
 
 
 def test_matches_the_definition_with_cosine_and_sine(lock_in: NoveltyDesign) -> None:

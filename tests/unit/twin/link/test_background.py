@@ -1,7 +1,5 @@
 """A twin in a process of its own gives the answer that it gives here, and goes with the loop."""
 
-import io
-import pickle
 import time
 from dataclasses import replace
 
@@ -13,7 +11,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.experiment.estimation import answering
-from dtbacklash.twin.link import background, worker
+from dtbacklash.twin.link import background
 from dtbacklash.twin.link.background import GONE, BackgroundTwin
 from dtbacklash.twin.link.service import Request
 
@@ -93,16 +91,3 @@ def test_a_process_that_does_not_start_is_a_failure(monkeypatch):
     monkeypatch.setattr(background, "COMMAND", (*background.COMMAND[:1], "-c", "raise SystemExit"))
     with BackgroundTwin(twin()) as service, pytest.raises(Failure, match="cannot be started"):
         service.warm_up()
-
-
-def test_the_worker_says_its_code_then_answers_until_its_input_ends():
-    made, to, back = twin(), io.BytesIO(), io.BytesIO()
-    for one in (made, request(7), request(9)):
-        pickle.dump(one, to)
-    to.seek(0)
-    worker.serve(to, back)
-    back.seek(0)
-    assert pickle.load(back) == source_hash.digest()
-    for event in (7, 9):
-        assert without_times(pickle.load(back)) == without_times(made.answer(request(event)))
-    assert back.read() == b""
