@@ -20,6 +20,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.benchmark import vocabulary
 from dtbacklash.errors import UserError
 from dtbacklash.files import reason
+from dtbacklash.scoring.truth import Key
 
 FILE, CASES = "answers.csv", "cases.txt"
 COLUMNS = ("case", "place", "effect", "size", "unit", "low", "high", "certainty")
@@ -46,6 +47,11 @@ class Row:
     low: float | None = None
     high: float | None = None
     certainty: float = 1.0
+
+    @property
+    def key(self) -> Key:
+        """Place and effect."""
+        return self.place, self.effect
 
     def size_in(self, unit: str) -> tuple[float | None, float | None, float | None]:
         """Size, low and high in a unit; None where they are not given, or of another kind."""
@@ -137,7 +143,7 @@ def _add(found: Answers, row: Row) -> None:
     if row.case not in found.cases:
         raise ValueError(f"case {row.case} is not in {CASES}")
     there = found.rows.setdefault(row.case, [])
-    if (row.place, row.effect) in [(one.place, one.effect) for one in there]:
+    if row.key in [other.key for other in there]:
         raise ValueError(f"{row.place} {row.effect} stands there twice")
     there.append(row)
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from dtbacklash.benchmark.plan import Planned
-from dtbacklash.benchmark.truth import Hidden, Truth
-from dtbacklash.benchmark.vocabulary import UNLISTED, WRONG_PARAMETER
 from dtbacklash.errors import Failure
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.prove.conceal import recording_table
 from dtbacklash.prove.draw import draw, record
-from dtbacklash.prove.secret import Secret
+from dtbacklash.prove.secret import Secret, allowed_in
+from dtbacklash.scoring.truth import UNLISTED, WRONG_PARAMETER, Hidden, Truth
 
 #: length of a test and of each recording of a pair, s
 TEST_S, PAIR_S = 10.0, 15.0
@@ -58,7 +57,7 @@ def conceal(planned: Planned, nominal: Rig) -> Concealed:
         found = [hidden]
     else:
         tables = {"train": recording_table(secret, nominal, *record(secret, nominal))}
-        found, allowed = hidden_of(secret, nominal), allowed_in(secret, nominal)
+        found, allowed = hidden_of(secret, nominal), allowed_in(asdict(secret))
     run, test = _further(replace(secret, duration_s=TEST_S), nominal, 2)
     per_si = {name: nominal.sensors[name].per_si for name in secret.channels}
     oracle = {
@@ -88,14 +87,6 @@ def hidden_of(secret: Secret, nominal: Rig) -> list[Hidden]:
     if secret.unknown:
         return [Hidden(secret.unknown["location"], UNLISTED)]
     return [_hidden(effect, nominal) for effect in secret.effects]
-
-
-def allowed_in(secret: Secret, nominal: Rig) -> list[tuple[str, str]]:
-    """What is no false name: parameters that are off, small things, and what names these rightly."""
-    found = [(name, WRONG_PARAMETER) for name in secret.parameters]
-    for thing in secret.beside:
-        found += [(thing["location"], thing.get("effect", UNLISTED)), *map(tuple, thing.get("akin", []))]
-    return [(str(place), str(effect)) for place, effect in found]
 
 
 def _hidden(effect: dict[str, Any], nominal: Rig) -> Hidden:

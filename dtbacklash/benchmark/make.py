@@ -14,7 +14,6 @@ import pandas as pd
 from dtbacklash.benchmark import files, machines, real, vocabulary
 from dtbacklash.benchmark.conceal import Concealed, conceal
 from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, commitment, planned
-from dtbacklash.benchmark.truth import Truth
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
@@ -23,6 +22,7 @@ from dtbacklash.files import json_text, read_json, write_bytes, write_text, writ
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_content
 from dtbacklash.prove import seal
+from dtbacklash.scoring.truth import Truth
 
 NAME = "dtbacklash benchmark"
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import hmac
 from dataclasses import dataclass
 from operator import ne
 
 import numpy as np
+
+from dtbacklash.prove.seal import keyed_hash
 
 VERSION = "1.0"
 #: the first seed of the published benchmark
@@ -61,15 +62,11 @@ def planned(seed: int = SEED, per_machine: int | None = None, key: bytes = b"") 
 
 def commitment(seed: int, cases: int, key: bytes) -> str:
     """What a benchmark was made from, hexadecimal; tells nothing without the key."""
-    return _coded(f"benchmark {seed} {cases}", key).hex()
+    return keyed_hash(key, f"benchmark {seed} {cases}").hex()
 
 
 def _drawn(seed: int, what: int | str, key: bytes) -> int:
-    return int.from_bytes(_coded(f"seed {seed} {what}", key)[:SEED_BYTES], "big")
-
-
-def _coded(text: str, key: bytes) -> bytes:
-    return hmac.digest(key, text.encode(), "sha256")
+    return int.from_bytes(keyed_hash(key, f"seed {seed} {what}")[:SEED_BYTES], "big")
 
 
 def _in_turn(kinds: list[tuple[str, bool, str]], many: int) -> list[int]:

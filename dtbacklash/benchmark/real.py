@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from dtbacklash.benchmark.truth import Hidden
+from dtbacklash.scoring.truth import Hidden
 
 #: licences that allow a copy
 FREE = ("BSD-3-Clause", "CC BY-SA 4.0")

@@ -1,21 +1,21 @@
 """The score of a tool's answers: every figure with its count and 95 % interval.
 
 A name counts as said if its certainty is at least ``SAID``. All names, also less certain ones, count for the
-reliability of certainty. Nothing here knows how an answer came about; standard library and numpy.
+reliability of certainty. Nothing here knows how an answer came about.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.benchmark.answers import Answers, Row
-from dtbacklash.benchmark.truth import Hidden, Truth
 from dtbacklash.scoring.shares import Counted, holds, median_interval, wilson
+from dtbacklash.scoring.truth import Matching, Truth
 
 #: a name with less certainty is an alternative
 SAID = 0.5
@@ -71,7 +71,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ScoredCase:
     """One case with what a tool said of it. ratio : see :func:`error_ratio`."""
 
     truth: Truth
@@ -83,28 +83,17 @@ class Judged:
         """The names that count as said."""
         return [row for row in self.rows if row.certainty >= SAID]
 
-    def named(self) -> Iterator[tuple[Hidden, Row | None]]:
-        """What is hidden, each with the row that names it."""
-        for hidden in self.truth.hidden:
-            key = hidden.place, hidden.effect
-            yield hidden, next((row for row in self.said if (row.place, row.effect) == key), None)
+    def matching(self, rows: Sequence[Row]) -> Matching:
+        """Some of the names, matched with what is hidden."""
+        return Matching([hidden.key for hidden in self.truth.hidden], [row.key for row in rows], self.truth.allowed)
 
-    def placed(self) -> list[bool]:
-        """Of each thing that is hidden, whether a name stands at its place."""
-        places = {row.place for row in self.said}
-        return [hidden.place in places for hidden in self.truth.hidden]
-
-    def is_right(self, row: Row) -> bool:
-        """Whether a name is hidden."""
-        return (row.place, row.effect) in [(one.place, one.effect) for one in self.truth.hidden]
-
-    def is_false(self, row: Row) -> bool:
-        """Whether a name is neither hidden nor one of the small things that the machine has besides."""
-        return not self.is_right(row) and (row.place, row.effect) not in self.truth.allowed
-
-    def sizes(self) -> list[tuple[Hidden, float | None, float | None, float | None]]:
-        """Of what is named and has a size: the truth; size, low and high in its unit."""
-        return [(h, *row.size_in(h.unit)) for h, row in self.named() if row is not None and h.size is not None]
+    def sizes(self) -> list[tuple[float, float | None, float | None, float | None]]:
+        """Of what is named and has a size: the true size; size, low and high in its unit."""
+        rows = {row.key: row for row in self.said}
+        return [
+            (hidden.size, *rows[hidden.key].size_in(hidden.unit)) for hidden in self.truth.hidden
+            if hidden.key in rows and hidden.size is not None
+        ]  # fmt: skip
 
 
 def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float | None:
@@ -126,11 +115,11 @@ def score(tool: str, truths: Sequence[Truth], answers: Answers, ratios: Mapping[
 
     truths : of the cases that it worked on. ratios : case -> :func:`error_ratio` of its prediction.
     """
-    judged = [Judged(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
+    cases = [ScoredCase(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
     every = [*(t.split for t in truths), *(t.kind for t in truths)]
     groups = dict.fromkeys(["all", *every, "clean", "lifelike", *(t.machine for t in truths if t.kind != "real")])
-    figures = [f for name in groups for f in figures_of([j for j in judged if name in _groups_of(j.truth)], name)]
-    return Score(tool, len(truths), figures, reliability(judged), answers.problems)
+    figures = [f for name in groups for f in figures_of([c for c in cases if name in _groups_of(c.truth)], name)]
+    return Score(tool, len(truths), figures, reliability(cases), answers.problems)
 
 
 def _groups_of(truth: Truth) -> set[str]:
@@ -139,21 +128,18 @@ def _groups_of(truth: Truth) -> set[str]:
     return {"all", truth.split, truth.kind, made, truth.machine}
 
 
-def figures_of(judged: Sequence[Judged], group: str) -> list[Figure]:
+def figures_of(cases: Sequence[ScoredCase], group: str) -> list[Figure]:
     """The figures of some cases."""
-    named = [row is not None for j in judged for _, row in j.named()]
-    placed = [right for j in judged for right in j.placed()]
-    false = [j.is_false(row) for j in judged for row in j.said if j.is_right(row) or j.is_false(row)]
-    sizes = [s for j in judged for s in j.sizes()]
-    within = [
-        size is not None and abs(size - h.size) <= NEAR * abs(h.size) for h, size, _, _ in sizes if h.size is not None
-    ]
-    intervals = [
-        holds((low, high), h.size) for h, _, low, high in sizes if None not in (low, high) and h.size is not None
-    ]
-    clean = [not any(j.is_false(row) for row in j.said) for j in judged]
-    nothing = [right for j, right in zip(judged, clean, strict=True) if not j.truth.hidden]
-    ratios = [j.ratio for j in judged if j.ratio is not None]
+    matchings = [case.matching(case.said) for case in cases]
+    named = [i in m.exact for m in matchings for i in range(len(m.hidden))]
+    placed = [i in m.placed for m in matchings for i in range(len(m.hidden))]
+    false = [j in m.false for m in matchings for j in sorted(m.right | m.false)]
+    clean = [not m.false for m in matchings]
+    nothing = [not m.false for m in matchings if not m.hidden]
+    sizes = [s for case in cases for s in case.sizes()]
+    within = [size is not None and abs(size - true) <= NEAR * abs(true) for true, size, _, _ in sizes]
+    intervals = [holds((low, high), true) for true, _, low, high in sizes if None not in (low, high)]
+    ratios = [case.ratio for case in cases if case.ratio is not None]
     shares = [
         ("named", "hidden things named, with their place", named),
         ("place", "hidden things with a name at their place, right or wrong", placed),
@@ -175,17 +161,18 @@ def _share(name: str, what: str, group: str, right: Sequence[bool]) -> Figure:
     return Figure(name, what, group, count / of if of else math.nan, of, *wilson(count, of), count)
 
 
-def reliability(judged: Sequence[Judged]) -> list[Bin]:
+def reliability(cases: Sequence[ScoredCase]) -> list[Bin]:
     """Names by their certainty, in ``BINS`` equal ranges; a range without a name is left out.
 
     Names of small things that a machine has besides are neither right nor false, and left out.
     """
-    names = [
-        (row.certainty, j.is_right(row)) for j in judged for row in j.rows if j.is_right(row) or j.is_false(row)
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for case in cases:
+        matching = case.matching(case.rows)
+        for j in sorted(matching.right | matching.false):
+            certainty = case.rows[j].certainty
+            bins.setdefault(min(int(certainty * BINS), BINS - 1), []).append((certainty, j in matching.right))
+    return [
+        Bin(float(np.mean([certainty for certainty, _ in names])), sum(right for _, right in names), len(names))
+        for _, names in sorted(bins.items())
     ]  # fmt: skip
-    found = []
-    for k in range(BINS):
-        inside = [(c, right) for c, right in names if min(int(c * BINS), BINS - 1) == k]
-        if inside:
-            found.append(Bin(float(np.mean([c for c, _ in inside])), sum(right for _, right in inside), len(inside)))
-    return found

@@ -10,8 +10,6 @@ from functools import cache
 from pathlib import Path
 
 FILE = Path(__file__).with_name("vocabulary.csv")
-#: a parameter with another value than the model's, and physics that no other word means
-WRONG_PARAMETER, UNLISTED = "wrong_parameter", "unlisted"
 
 
 def plain(text: str) -> str:

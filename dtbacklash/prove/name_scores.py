@@ -103,7 +103,7 @@ def _pairs(case: Case) -> list[tuple[Side, Side, bool]]:
             return [(hidden, without, case.kind == "unknown" and rules.unknown_admitted(case))]
         place = (case.secret.get("unknown") or {}).get("location")
         return [(hidden, name, name[0] == place) for name in names]
-    paired = rules.matches(case)
+    paired = case.matching.pairs
     pairs: list[tuple[Side, Side, bool]] = [(case.hidden[i], names[j], True) for i, j in paired.items()]
     missed = [key for i, key in enumerate(case.hidden) if i not in paired]
     more = [name for j, name in enumerate(names) if j not in paired.values()]

@@ -336,10 +336,10 @@ def bins(cases: Sequence[Case]) -> list[Bin]:
     """Per family and range of visibility, how many hidden effects were named; empty ranges are left out."""
     seen: list[tuple[str, float, bool, bool, list[bool]]] = []
     for case in cases:
-        there, paired = rules.exact(case), rules.matches(case)
+        exact, paired = case.matching.exact, case.matching.pairs
         for i, key in enumerate(case.hidden):
             part = family(case.kind_of(key[0]))
-            seen.append((part, case.visibility(key), i in there, i in paired, rules.intervals_of(case, i)))
+            seen.append((part, case.visibility(key), i in exact, i in paired, rules.intervals_of(case, i)))
         if case.kind == "unknown":
             admitted = rules.unknown_admitted(case)
             seen.append((UNKNOWN, case.unknown_visibility, admitted, admitted, []))

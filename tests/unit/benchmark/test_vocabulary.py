@@ -6,12 +6,13 @@ import pytest
 
 from dtbacklash.benchmark import vocabulary
 from dtbacklash.physics.catalogue import CATALOGUE
+from dtbacklash.scoring.truth import UNLISTED, WRONG_PARAMETER
 
 
 def test_each_effect_that_can_be_hidden_has_a_word_with_its_size():
     with vocabulary.FILE.open(encoding="utf-8") as file:
         sizes = {row["effect"]: set(filter(None, row["size"].split(";"))) for row in csv.DictReader(file)}
-    known: dict[str, set[str]] = {vocabulary.WRONG_PARAMETER: set(), vocabulary.UNLISTED: set()}
+    known: dict[str, set[str]] = {WRONG_PARAMETER: set(), UNLISTED: set()}
     for (_, name), effect in CATALOGUE.items():
         if not effect.is_table:
             known.setdefault(name, set()).add(effect.size.name)

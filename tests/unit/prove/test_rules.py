@@ -94,7 +94,7 @@ def test_a_false_name_is_one_that_pairs_with_nothing_hidden(kind, hidden, found,
 def test_one_of_several_is_right_if_the_truth_is_in_it(found, relied_on):
     judged = case("single", [COULOMB], *found)
     assert rules.no_false_name(judged) == relied_on
-    assert rules.right_names(judged) == (set(range(len(found))) if relied_on else {0} & rules.exact(judged))
+    assert rules.right_names(judged) == (set(range(len(found))) if relied_on else {0} & judged.matching.exact)
     assert rules.said_with_certainty(judged) == (relied_on or len(found) > 1)
     assert not rules.said_with_certainty(case("single", [COULOMB], *found, verdict="unexplained"))
 
@@ -107,9 +107,13 @@ def test_a_table_among_several_is_physics_that_the_catalogue_lacks():
         assert rules.unknown_unnamed(judged)  # it is no sure name
 
 
-def test_exact_matches_come_first():
-    judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
-    assert rules.matches(judged) == {0: 1, 1: 0}
+def test_a_table_is_what_the_catalogue_lacks_at_its_place():
+    place = secret("unknown")["unknown"]["location"]
+    told = [finding(CUBIC) | {"location": where, "effect": "speed_table"} for where in (place, "gear", "mass_3")]
+    small = {"machine": "lifelike", "beside": [{"location": "mass_3", "name": "creep"}]}
+    judged = Case("a", secret("unknown") | small, diagnosis(*told), oracle())
+    assert rules.right_names(judged) == {0, 2}
+    assert judged.matching.false == {1}
 
 
 @pytest.mark.parametrize(
