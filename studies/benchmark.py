@@ -48,7 +48,7 @@ def run(tool: str, cases: Sequence[Case]) -> dict[str, tuple[Case, Found]]:
         try:
             found[case.number] = case, adapter.answer(case)
         except ImportError as error:
-            raise SystemExit(f"{tool} needs {error.name}: pip install 'dtbacklash[compare]' scikit-learn") from None
+            raise SystemExit(f"{tool} needs {error.name}: pip install 'dtbacklash[compare]'") from None
         except Exception as error:  # a tool that fails has said nothing
             print(f"{tool}: case {case.number}: {type(error).__name__}: {error}", file=sys.stderr)
             found[case.number] = case, Found()

@@ -16,9 +16,6 @@ from studies import benchmark
 from studies.baselines import diagnose
 from studies.baselines.case import load, write
 
-#: what an adapter needs besides
-NEEDS = {"sindy": "pysindy", "gaussian_process": "sklearn", "arx": "sysidentpy"}
-
 
 @pytest.fixture(scope="module")
 def cases(tmp_path_factory):
@@ -36,8 +33,6 @@ def cases(tmp_path_factory):
 @pytest.mark.check
 @pytest.mark.parametrize("tool", benchmark.CHEAP)
 def test_an_adapter_answers(tool, cases, tmp_path):
-    if tool in NEEDS:
-        pytest.importorskip(NEEDS[tool])
     folder, given = cases
     adapter = importlib.import_module(f"studies.baselines.{tool}")
     answers = {case.number: (case, adapter.answer(case)) for case in given}
