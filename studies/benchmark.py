@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dtbacklash.benchmark.files import case_folders
-from dtbacklash.benchmark.judge import judge
-from dtbacklash.benchmark.score import Figure, Score
+from dtbacklash.benchmark.score import Figure, Score, score_folder
 from dtbacklash.campaign.progress import duration
 from dtbacklash.files import write_text
 from dtbacklash.report.components.markdown import between, table
@@ -74,7 +73,7 @@ def main(words: Sequence[str]) -> None:
     for tool in options.tools:
         folder = options.out / tool
         write(folder, run(tool, cases))
-        scores[tool] = judge(folder, options.bench, options.key, options.split, tool)
+        scores[tool] = score_folder(folder, options.bench, options.key, options.split, tool)
         if options.split == "development" and options.first is None:
             keep(folder, tool)
     print(text(scores))

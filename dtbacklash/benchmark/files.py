@@ -43,7 +43,7 @@ def digest(folder: Path) -> bytes:
 
 
 def sealed_content(case: Path) -> bytes:
-    """What the seal of a case belongs to: all its recordings and its description."""
+    """The bytes that a case's seal belongs to: its recordings and its description."""
     return b"".join((case / name).read_bytes() for name in sorted(f.name for f in case.iterdir()) if name in _PUBLIC)
 
 
@@ -62,7 +62,7 @@ def case_folders(bench: Path) -> list[Path]:
 
 
 def case_of(case: Path) -> dict[str, Any]:
-    """What is said of a case; raises UserError: it cannot be read."""
+    """The content of a case's ``case.yaml``; raises UserError: it cannot be read."""
     try:
         content: dict[str, Any] = json.loads((case / CASE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

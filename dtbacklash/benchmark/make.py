@@ -1,4 +1,4 @@
-"""Make the benchmark's folder; cases that are there already are kept, so that it can be made in parts."""
+"""Make the benchmark's folder; finished cases are kept, so that it can be made in parts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 import pandas as pd
 
 from dtbacklash.benchmark import files, machines, real, vocabulary
-from dtbacklash.benchmark.conceal import Concealed, conceal
-from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, commitment, planned
+from dtbacklash.benchmark.conceal import ConcealedCase, conceal
+from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, CasePlan, commitment, plan_cases
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
@@ -44,7 +44,7 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
     if name.exists() and not key_file.exists():
         raise UserError("key", key_file, f"is not there, and {out} was begun with it; give its key or a new folder")
     key = seal.read_or_make_key(key_file)
-    plan = planned(seed, per_machine, key)
+    plan = plan_cases(seed, per_machine, key)
     about = {"name": NAME, "version": VERSION, "concealed": len(plan), "commitment": commitment(seed, len(plan), key)}
     about |= {"seed": seed} if seed == SEED else {}
     for case in (out / files.CASES / one.number for one in plan):
@@ -53,7 +53,7 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
     if name.exists() and read_json(name) != about:
         raise UserError("out", out, "holds a benchmark of another seed, size or key; give a new folder")
     write_text(name, files.data_text(about))
-    jobs = [Making(out / files.CASES / one.number, one, key_file) for one in plan]
+    jobs = [MakeCase(out / files.CASES / one.number, one, key_file) for one in plan]
     engine.complete(jobs, by, tell, "concealing", "cases")
     for j, recording in enumerate(real.RECORDINGS):
         _write_real(out / files.CASES / f"{len(plan) + j + 1:03d}", recording)
@@ -65,25 +65,25 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
 
 
 @dataclass(frozen=True)
-class Making(Job):
+class MakeCase(Job):
     """Make one case in the folder ``record``."""
 
     record: Path
-    planned: Planned
+    plan: CasePlan
     key_file: Path
 
     def done(self) -> bool:
         return self.record.exists()
 
     def work(self) -> None:
-        rig = files.nominal(self.planned.machine)
-        write_case(self.record, self.planned, rig, conceal(self.planned, rig), seal.read_key(self.key_file))
+        rig = files.nominal(self.plan.machine)
+        write_case(self.record, self.plan, rig, conceal(self.plan, rig), seal.read_key(self.key_file))
 
     def died(self, error: Exception | None) -> None:
-        raise error or Failure("seed", self.planned.seed, "no case came of it: its worker died")
+        raise error or Failure("seed", self.plan.seed, "no case came of it: its worker died")
 
 
-def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes) -> None:
+def write_case(folder: Path, one: CasePlan, rig: Rig, made: ConcealedCase, key: bytes) -> None:
     """Write a case, complete or not at all."""
     with written(folder) as scratch:
         scratch.mkdir()
@@ -100,7 +100,7 @@ def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes
         (scratch / seal.SEALED).write_text(json_text(sealed), encoding="utf-8")
 
 
-def _case_content(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
+def _case_content(one: CasePlan, rig: Rig, made: ConcealedCase) -> dict[str, Any]:
     """The content of a case's ``case.yaml``."""
     channels = {name: rig.sensors[name] for name in made.truth.test}
     instruments = {
@@ -120,9 +120,9 @@ def _case_content(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
 
 
 def _write_real(folder: Path, recording: real.Real) -> None:
-    """Write the case of a real recording: a copy where the licence allows one, else how to get it.
+    """Write the case of a real recording: a copy if its licence allows one, else how to fetch it.
 
-    A copy that is there stays where none can be made now.
+    An earlier copy stays if none can be made now.
     """
     about, found = real.about(recording), real.table(recording)
     if found is None and (folder / "train.csv").exists():
@@ -152,7 +152,7 @@ def _write_machines(out: Path) -> None:
 
 
 def rig_data(rig: Rig) -> dict[str, Any]:
-    """A rig as plain data without what is not set."""
+    """A rig as plain data, without empty fields."""
 
     def plain(value: Any) -> Any:
         if hasattr(value, "__dataclass_fields__"):

@@ -1,7 +1,7 @@
-"""The score of a tool's answers: every figure with its count and 95 % interval.
+"""Score a folder of answers against a benchmark: every figure with its count and 95 % interval.
 
-A name counts as said if its certainty is at least ``SAID``. All names, also less certain ones, count for the
-reliability of certainty. Nothing here knows how an answer came about.
+A name counts as a claim if its certainty is at least ``MIN_CERTAINTY``. All names count for the reliability of
+certainty.
 """
 
 from __future__ import annotations
@@ -9,21 +9,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.benchmark.answers import Answers, Row
+from dtbacklash.benchmark import answers, files
+from dtbacklash.benchmark.answers import Row
+from dtbacklash.errors import UserError
 from dtbacklash.scoring.shares import Counted, holds, median_interval, wilson
 from dtbacklash.scoring.truth import Matching, Truth
 
 #: a name with less certainty is an alternative
-SAID = 0.5
+MIN_CERTAINTY = 0.5
 #: relative error of a size that is right
-NEAR = 0.1
+SIZE_TOLERANCE = 0.1
 #: ranges of certainty whose names are counted together
 BINS = 5
-#: an error of a prediction beyond so many of the oracle's is one that has run away
+#: an error of a prediction counts as at most so many of the oracle's
 RUNAWAY = 1e6
 
 
@@ -72,24 +75,40 @@ class Score:
 
 @dataclass(frozen=True)
 class ScoredCase:
-    """One case with what a tool said of it. ratio : see :func:`error_ratio`."""
+    """One case with a tool's names for it. ratio : see :func:`error_ratio`."""
 
     truth: Truth
     rows: Sequence[Row]
     ratio: float | None = None
 
     @property
-    def said(self) -> list[Row]:
-        """The names that count as said."""
-        return [row for row in self.rows if row.certainty >= SAID]
+    def claims(self) -> list[Row]:
+        """The names that count as claims."""
+        return [row for row in self.rows if row.certainty >= MIN_CERTAINTY]
 
     def matching(self, rows: Sequence[Row]) -> Matching:
         """Some of the names, matched with what is hidden."""
         return Matching([hidden.key for hidden in self.truth.hidden], [row.key for row in rows], self.truth.allowed)
 
+    @property
+    def groups(self) -> set[str]:
+        """The groups whose figures count it."""
+        made = "lifelike" if self.truth.lifelike else "real" if self.truth.kind == "real" else "clean"
+        return {"all", self.truth.split, self.truth.kind, made, self.truth.machine}
+
+    def wrong_units(self) -> list[str]:
+        """A line for each size that is in a unit of another kind."""
+        hidden = {h.key: h for h in self.truth.hidden if h.size is not None}
+        rows = [(row, hidden[row.key]) for row in self.rows if row.key in hidden and row.size is not None]
+        return [
+            f"case {row.case}: {row.unit[: answers.MESSAGE_CHARACTERS]!r} is no unit for {row.place} {row.effect} "
+            f"({h.unit or 1}); its size counts as wrong"
+            for row, h in rows if row.size_in(h.unit)[0] is None
+        ]  # fmt: skip
+
     def sizes(self) -> list[tuple[float, float | None, float | None, float | None]]:
         """Of what is named and has a size: the true size; size, low and high in its unit."""
-        rows = {row.key: row for row in self.said}
+        rows = {row.key: row for row in self.claims}
         return [
             (hidden.size, *rows[hidden.key].size_in(hidden.unit)) for hidden in self.truth.hidden
             if hidden.key in rows and hidden.size is not None
@@ -110,34 +129,16 @@ def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float |
     return float(np.sqrt(np.mean(squares)))
 
 
-def score(tool: str, truths: Sequence[Truth], answers: Answers, ratios: Mapping[str, float | None]) -> Score:
-    """Score the answers of one tool.
-
-    truths : of the cases that it worked on. ratios : case -> :func:`error_ratio` of its prediction.
-    """
-    cases = [ScoredCase(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
-    every = [*(t.split for t in truths), *(t.kind for t in truths)]
-    groups = dict.fromkeys(["all", *every, "clean", "lifelike", *(t.machine for t in truths if t.kind != "real")])
-    figures = [f for name in groups for f in figures_of([c for c in cases if name in _groups_of(c.truth)], name)]
-    return Score(tool, len(truths), figures, reliability(cases), answers.problems)
-
-
-def _groups_of(truth: Truth) -> set[str]:
-    """The groups whose figures count a case."""
-    made = "lifelike" if truth.lifelike else "real" if truth.kind == "real" else "clean"
-    return {"all", truth.split, truth.kind, made, truth.machine}
-
-
 def figures_of(cases: Sequence[ScoredCase], group: str) -> list[Figure]:
     """The figures of some cases."""
-    matchings = [case.matching(case.said) for case in cases]
+    matchings = [case.matching(case.claims) for case in cases]
     named = [i in m.exact for m in matchings for i in range(len(m.hidden))]
     placed = [i in m.placed for m in matchings for i in range(len(m.hidden))]
     false = [j in m.false for m in matchings for j in sorted(m.right | m.false)]
     clean = [not m.false for m in matchings]
     nothing = [not m.false for m in matchings if not m.hidden]
     sizes = [s for case in cases for s in case.sizes()]
-    within = [size is not None and abs(size - true) <= NEAR * abs(true) for true, size, _, _ in sizes]
+    within = [size is not None and abs(size - true) <= SIZE_TOLERANCE * abs(true) for true, size, _, _ in sizes]
     intervals = [holds((low, high), true) for true, _, low, high in sizes if None not in (low, high)]
     ratios = [case.ratio for case in cases if case.ratio is not None]
     shares = [
@@ -176,3 +177,33 @@ def reliability(cases: Sequence[ScoredCase]) -> list[Bin]:
         Bin(float(np.mean([certainty for certainty, _ in names])), sum(right for _, right in names), len(names))
         for _, names in sorted(bins.items())
     ]  # fmt: skip
+
+
+def score_folder(folder: Path, bench: Path, key_file: Path | None, split: str, tool: str) -> Score:
+    """The score of the answers in a folder; split : ``all``, or that of the cases that count.
+
+    A real recording of which the benchmark has no copy counts only where the tool names the case.
+
+    Raises UserError: no benchmark, no answers, no key where one is needed, a file that was changed.
+    """
+    about = {case.name: files.case_of(case) for case in files.case_folders(bench)}
+    given = answers.read(folder, {name: str(a["machine"]) for name, a in about.items()}, files.places_of(bench))
+    listed = set(given.cases if (folder / answers.CASES).is_file() else given.rows)
+    worked_on = [n for n in given.cases if n in listed or about[n]["split"] != "real" or "recordings" in about[n]]
+    numbers = [n for n in worked_on if split in ("all", about[n]["split"])]
+    if not numbers:
+        splits = ", ".join(dict.fromkeys(about[n]["split"] for n in worked_on))
+        raise UserError("split", split, f"has no case that the tool worked on; it has such of {splits or 'none'}")
+    cases, problems = [], given.problems
+    for number in numbers:
+        truth = files.truth_of(bench / files.CASES / number, key_file)
+        samples = {channel: len(values) for channel, values in truth.test.items()}
+        predicted, problem = answers.prediction(folder, number, samples) if samples else (None, "")
+        cases.append(ScoredCase(truth, given.rows.get(number, ()), error_ratio(truth, predicted)))
+        problems += [f"{problem}; the prediction is left out"] if problem else []
+        problems += cases[-1].wrong_units()
+    splits_and_kinds = [*(c.truth.split for c in cases), *(c.truth.kind for c in cases)]
+    machines = [c.truth.machine for c in cases if c.truth.kind != "real"]
+    groups = dict.fromkeys(["all", *splits_and_kinds, "clean", "lifelike", *machines])
+    figures = [f for group in groups for f in figures_of([c for c in cases if group in c.groups], group)]
+    return Score(tool, len(cases), figures, reliability(cases), problems)

@@ -140,11 +140,6 @@ def no_physics(case: Case) -> bool:
     return case.verdict in NOTHING_MISSING and not findings
 
 
-def called_consistent(case: Case) -> bool:
-    """The verdict is that only noise of the sensors is left."""
-    return case.verdict == "consistent"
-
-
 def unknown_admitted(case: Case) -> bool:
     """Physics that the catalogue lacks: called unexplained, or all findings are at the right place."""
     if case.diagnosis is None:
@@ -225,17 +220,14 @@ def right(case: Case) -> bool:
     return unknown_admitted(case) and unknown_unnamed(case) if case.kind == "unknown" else strict(case)
 
 
-def clear_parameters(case: Case) -> list[str]:
-    """The wrong parameters that an oracle sees: moving only the others does not fit."""
-    return [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
+def right_parameters(case: Case) -> list[bool]:
+    """Of each wrong parameter that an oracle sees, whether it was recalibrated with an interval that holds the truth.
 
-
-def right_parameters(case: Case) -> int:
-    """How many of the clear wrong parameters were recalibrated with an interval that holds the true value."""
-    there = case.recalibrated
-    return sum(
-        name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
-    )
+    The oracle sees a parameter if moving only the others does not fit.
+    """
+    clear = [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
+    moved, truth = case.recalibrated, case.secret["parameters"]
+    return [name in moved and holds(moved[name]["ci95"], truth[name]) for name in clear]
 
 
 def intervals_of(case: Case, i: int) -> list[bool]:

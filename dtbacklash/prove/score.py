@@ -182,7 +182,7 @@ def _number(value: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class _Tallied:
+class _Figure:
     """One figure: the kinds of case that it counts, its rule and bar, and which cases count (None: all of them)."""
 
     name: str
@@ -195,34 +195,35 @@ class _Tallied:
 
 #: the figures that count cases, with the bar of each
 BY_CASE = (
-    _Tallied("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
-    _Tallied("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
-    _Tallied("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
-    _Tallied("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
+    _Figure("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
+    _Figure("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
+    _Figure("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
+    _Figure("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.97, 1)),
-    _Tallied("said_with_certainty", "of the exactly right ones, said with certainty: missing, and sure or one of few",
+    _Figure("said_with_certainty", "of the exactly right ones, said with certainty: missing, and sure or one of few",
               ("single", "several"), rules.said_with_certainty, (0.95, 1),
               lambda case: case.diagnosis is None or rules.strict(case)),
-    _Tallied("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
-    _Tallied("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
-    _Tallied("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
+    _Figure("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
+    _Figure("called_consistent", "of these, called consistent", ("nothing",),
+              lambda case: case.verdict == "consistent", None, None),
+    _Figure("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
               (0.95, 1), None),
-    _Tallied("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
+    _Figure("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
               rules.unknown_admitted, (0.80, 1)),
-    _Tallied("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
+    _Figure("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.97, 1), rules.beaten),
-    _Tallied("no_false_name", "recordings of all kinds and sizes without a false name that is said with certainty",
+    _Figure("no_false_name", "recordings of all kinds and sizes without a false name that is said with certainty",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: the same of lifelike recordings
 LIFELIKE = (
-    _Tallied("main_named", "beside small things: each main effect named, or in the stated ambiguity",
+    _Figure("main_named", "beside small things: each main effect named, or in the stated ambiguity",
               ("single", "several"), rules.main_named, (0.90, 1)),
-    _Tallied("main_sure", "of these, said with certainty (sure, or one of few)", ("single", "several"),
+    _Figure("main_sure", "of these, said with certainty (sure, or one of few)", ("single", "several"),
               rules.main_sure, (0.85, 1), rules.main_named),
-    _Tallied("nothing_sure", "small things only, or with wrong parameters: no false name said with certainty",
+    _Figure("nothing_sure", "small things only, or with wrong parameters: no false name said with certainty",
               ("nothing", "parameters"), rules.no_false_name, (0.98, 1), None),
-    _Tallied("lifelike_no_false_name", "lifelike recordings of all kinds without a false name said with certainty",
+    _Figure("lifelike_no_false_name", "lifelike recordings of all kinds without a false name said with certainty",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: sure names that are right
@@ -265,18 +266,21 @@ def _all_figures(cases: Sequence[Case]) -> list[Share]:
 
 def _by_name(cases: Sequence[Case]) -> list[Share]:
     """The figures that count names, or parameters, of lifelike recordings."""
-    sure = sum(len(rules.sure(c)) for c in cases)
-    right = sum(len(rules.sure(c) & rules.right_names(c)) for c in cases)
+    right = [j in rules.right_names(c) for c in cases for j in rules.sure(c)]
     held = [held for c in cases for held in rules.effect_intervals(c)]
     return [
-        Share("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right, sure,
+        _share("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right,
                SURE_RIGHT),
-        Share("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth",
-               sum(held), len(held), COVERAGE_LIFELIKE),
+        _share("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth", held,
+               COVERAGE_LIFELIKE),
     ]  # fmt: skip
 
 
-def _by_case(declared: _Tallied, cases: Sequence[Case]) -> Share:
+def _share(name: str, what: str, right: Sequence[bool], bar: tuple[float, float] | None = None) -> Share:
+    return Share(name, what, sum(right), len(right), bar)
+
+
+def _by_case(declared: _Figure, cases: Sequence[Case]) -> Share:
     every = [c for c in cases if c.kind in declared.kinds]
     counted = [c for c in every if declared.clear is None or declared.clear(c)]
     right, every_right = (sum(map(declared.rule, chosen)) for chosen in (counted, every))
@@ -286,17 +290,14 @@ def _by_case(declared: _Tallied, cases: Sequence[Case]) -> Share:
 
 def _by_parameter(cases: Sequence[Case]) -> list[Share]:
     """The figures that count parameters."""
-    clear = sum(len(rules.clear_parameters(c)) for c in cases)
-    moved = sum(rules.right_parameters(c) for c in cases)
+    moved = [right for c in cases for right in rules.right_parameters(c)]
     effects = [held for c in cases for held in rules.effect_intervals(c)]
     nominal = [held for c in cases for held in rules.nominal_intervals(c)]
     return [
-        Share("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved, clear,
-               None),
-        Share("coverage_effects", "95 % intervals of rightly named effects that hold the truth", sum(effects),
-               len(effects), COVERAGE),
-        Share("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", sum(nominal),
-               len(nominal), COVERAGE),
+        _share("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved),
+        _share("coverage_effects", "95 % intervals of rightly named effects that hold the truth", effects, COVERAGE),
+        _share("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", nominal,
+               COVERAGE),
     ]  # fmt: skip
 
 

@@ -21,12 +21,12 @@ def test_each_effect_that_can_be_hidden_has_a_word_with_its_size():
 
 @pytest.mark.parametrize("written", ["Coulomb friction", "coulomb_friction", " COULOMB-friction ", "coulomb"])
 def test_spellings_and_synonyms_mean_the_same(written):
-    assert vocabulary.meant(written, vocabulary.effects()) == "coulomb_friction"
+    assert vocabulary.word_of(written, vocabulary.effects()) == "coulomb_friction"
 
 
 def test_a_word_that_is_near_is_named():
     with pytest.raises(ValueError, match="did you mean backlash"):
-        vocabulary.meant("backlsh", vocabulary.effects())
+        vocabulary.word_of("backlsh", vocabulary.effects())
 
 
 def test_no_spelling_stands_for_two_words():
