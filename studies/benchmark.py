@@ -1,7 +1,8 @@
 """Run the baselines on a benchmark: ``python -m studies benchmark --bench bench [--tools ...] [--split development]``.
 
 The answers and predictions go to ``--out``; answers to the whole development split are kept in
-``studies/baselines/answers/TOOL``.
+``studies/baselines/answers/TOOL``. All tools with answers in ``--out`` are scored; ``--tools`` without
+a name runs none.
 """
 
 from __future__ import annotations
@@ -69,13 +70,14 @@ def main(words: Sequence[str]) -> None:
     options = parser.parse_args(words)
     every = [case for case in map(load, case_folders(options.bench)) if case is not None]
     cases = [case for case in every if options.split in ("all", case.said["split"])][: options.first]
-    scores = {}
     for tool in options.tools:
-        folder = options.out / tool
-        write(folder, run(tool, cases))
-        scores[tool] = score_folder(folder, options.bench, options.key, options.split, tool)
+        write(options.out / tool, run(tool, cases))
         if options.split == "development" and options.first is None:
-            keep(folder, tool)
+            keep(options.out / tool, tool)
+    scores = {
+        tool: score_folder(options.out / tool, options.bench, options.key, options.split, tool)
+        for tool in TOOLS if (options.out / tool / "cases.txt").is_file()
+    }  # fmt: skip
     print(text(scores))
     if options.docs:
         page = options.docs / "benchmark.md"

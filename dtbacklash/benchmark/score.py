@@ -17,7 +17,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.benchmark import answers, files
 from dtbacklash.benchmark.answers import Row
 from dtbacklash.errors import UserError
-from dtbacklash.scoring.shares import Counted, holds, median_interval, wilson
+from dtbacklash.scoring.shares import Count, holds, median_interval, wilson
 from dtbacklash.scoring.truth import Matching, Truth
 
 #: a name with less certainty is an alternative
@@ -50,7 +50,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Bin(Counted):
+class Bin(Count):
     """Names of similar certainty: its mean, how many there are, and how many are right."""
 
     certainty: float

@@ -12,7 +12,7 @@ import pandas as pd
 from dtbacklash.physics.element_kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import Counted
+from dtbacklash.scoring.shares import Count
 
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
@@ -30,7 +30,7 @@ def family(kind: str) -> str:
 
 
 @dataclass(frozen=True)
-class Reliability(Counted):
+class Reliability(Count):
     """How many of the names of one confidence, in one part of the rig or in ``all``, are right."""
 
     confidence: str

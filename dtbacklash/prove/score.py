@@ -14,14 +14,14 @@ from dtbacklash.config import commands
 from dtbacklash.prove import rules
 from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import Counted
+from dtbacklash.scoring.shares import Count
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise
 EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))
 
 
 @dataclass(frozen=True)
-class Share(Counted):
+class Share(Count):
     """A share: ``right`` of ``of``, and the range ``bar`` that it should lie in.
 
     every_right, every_of : the same over all cases, where ``right`` and ``of`` count clear cases only.

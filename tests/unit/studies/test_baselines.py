@@ -68,15 +68,17 @@ def test_what_changed_has_its_size_after_the_change():
 
 @pytest.mark.parametrize(("more", "kept"), [((), True), (("--first", "1"), False), (("--split", "all"), False)])
 def test_only_answers_to_all_of_the_development_split_are_kept(tmp_path, monkeypatch, more, kept):
-    case = SimpleNamespace(said={"split": "development"})
+    case, tables = SimpleNamespace(said={"split": "development"}), []
     monkeypatch.setattr(benchmark, "ANSWERS", tmp_path / "kept")
     monkeypatch.setattr(benchmark, "case_folders", lambda bench: [bench])
     monkeypatch.setattr(benchmark, "load", lambda folder: case)
     monkeypatch.setattr(benchmark, "run", lambda tool, given: {})
     monkeypatch.setattr(benchmark, "score_folder", lambda *words: Score("nominal", 0))
-    monkeypatch.setattr(benchmark, "text", lambda scores: "")
+    monkeypatch.setattr(benchmark, "text", lambda scores: tables.append(list(scores)))
     benchmark.main(["--tools", "nominal", "--out", str(tmp_path / "out"), *more])
     assert (tmp_path / "kept" / "nominal" / "answers.csv").exists() == kept
+    benchmark.main(["--tools", "--out", str(tmp_path / "out"), *more])  # runs none, and scores what is there
+    assert tables == [["nominal"], ["nominal"]]
 
 
 def test_a_split_that_is_none_is_refused(capsys):
