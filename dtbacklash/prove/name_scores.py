@@ -13,6 +13,7 @@ from dtbacklash.physics.element_kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.rules import Case
 from dtbacklash.scoring.shares import Count
+from dtbacklash.scoring.truth import Key
 
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
@@ -81,7 +82,7 @@ def confusion(cases: Sequence[Case]) -> list[Cell]:
 
 
 #: one side of a pair: (location, effect), or a word where there is neither
-Side = rules.Key | str
+Side = Key | str
 
 
 def _text(side: Side) -> str:
