@@ -121,13 +121,11 @@ class Score:
         """The bins of one family; without one, those of all effects of the catalogue together."""
         if family is not None:
             return [b for b in self.bins if b.family == family]
-        found: dict[tuple[float, float], list[int]] = {}
+        found: dict[tuple[float, float], list[tuple[int, ...]]] = {}
         for b in self.bins:
             if b.family != UNKNOWN:
-                counts = found.get((b.low, b.high), [0] * 5)
-                more = b.of, b.exact, b.within, b.intervals, b.hold
-                found[(b.low, b.high)] = [x + y for x, y in zip(counts, more, strict=True)]
-        return [Bin("all", low, high, *counts) for (low, high), counts in sorted(found.items())]
+                found.setdefault((b.low, b.high), []).append((b.of, b.exact, b.within, b.intervals, b.hold))
+        return [Bin("all", *edges, *map(sum, zip(*counts, strict=True))) for edges, counts in sorted(found.items())]
 
     def by_kind(self) -> dict[tuple[str, str], tuple[int, int]]:
         """(hidden, named) -> (count, of those within the stated ambiguity), all places of a kind together.
