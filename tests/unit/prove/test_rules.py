@@ -175,22 +175,6 @@ def test_unknown_physics_is_clear_by_its_size(size, clear):
     assert rules.clear(Case("a", secret("unknown", size=size), diagnosis(), {})) is clear
 
 
-@pytest.mark.parametrize(
-    ("interval", "truth", "period", "held"),
-    [
-        ([0.9, 1.1], 1.0, None, True),
-        ([0.9, 1.1], 1.2, None, False),
-        ([None, 1.1], 1.0, None, False),
-        ([0.9, float("nan")], 1.0, None, False),
-        ([3.0, 3.3], -3.1, 6.283185, True),
-        ([3.0, 3.3], 2.9, 6.283185, False),
-        ([-3.2, -3.0], 3.1, 6.283185, True),
-    ],
-)
-def test_an_interval_holds_the_truth(interval, truth, period, held):
-    assert rules.holds(interval, truth, period) is held
-
-
 def test_intervals_count_only_of_what_was_named_exactly():
     judged = case("several", [COULOMB, COGGING], finding(DEAD_ZONE, COULOMB), finding(COGGING, off=0.02, width=0.01))
     assert rules.effect_intervals(judged) == [False, False, False]
