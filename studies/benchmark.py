@@ -1,7 +1,8 @@
 """Run the baselines on a benchmark: ``python -m studies benchmark --bench bench [--tools ...] [--split development]``.
 
 The answers and predictions go to ``--out``; answers to the whole development split are kept in
-``studies/baselines/answers/TOOL``.
+``studies/baselines/answers/TOOL``. All tools with answers in ``--out`` are scored; ``--tools`` without
+a name runs none.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dtbacklash.benchmark.files import case_folders
-from dtbacklash.benchmark.judge import judge
-from dtbacklash.benchmark.score import Figure, Score
+from dtbacklash.benchmark.score import Figure, Score, score_folder
 from dtbacklash.campaign.progress import duration
 from dtbacklash.files import write_text
 from dtbacklash.report.components.markdown import between, table
@@ -48,7 +48,7 @@ def run(tool: str, cases: Sequence[Case]) -> dict[str, tuple[Case, Found]]:
         try:
             found[case.number] = case, adapter.answer(case)
         except ImportError as error:
-            raise SystemExit(f"{tool} needs {error.name}: pip install 'dtbacklash[compare]' scikit-learn") from None
+            raise SystemExit(f"{tool} needs {error.name}: pip install 'dtbacklash[compare]'") from None
         except Exception as error:  # a tool that fails has said nothing
             print(f"{tool}: case {case.number}: {type(error).__name__}: {error}", file=sys.stderr)
             found[case.number] = case, Found()
@@ -70,13 +70,14 @@ def main(words: Sequence[str]) -> None:
     options = parser.parse_args(words)
     every = [case for case in map(load, case_folders(options.bench)) if case is not None]
     cases = [case for case in every if options.split in ("all", case.said["split"])][: options.first]
-    scores = {}
     for tool in options.tools:
-        folder = options.out / tool
-        write(folder, run(tool, cases))
-        scores[tool] = judge(folder, options.bench, options.key, options.split, tool)
+        write(options.out / tool, run(tool, cases))
         if options.split == "development" and options.first is None:
-            keep(folder, tool)
+            keep(options.out / tool, tool)
+    scores = {
+        tool: score_folder(options.out / tool, options.bench, options.key, options.split, tool)
+        for tool in TOOLS if (options.out / tool / "cases.txt").is_file()
+    }  # fmt: skip
     print(text(scores))
     if options.docs:
         page = options.docs / "benchmark.md"

@@ -68,8 +68,7 @@ def _fleet(seed: int, name: str, mode: str) -> Row:
     found, seconds = _diagnosed(each, nominal, own=[own] if own else None)
     case = _case(secret, nominal, found)
     (place, effect), sure = case.hidden[0], rules.sure(case)
-    matched = rules.matches(case)
-    false = sure - set(matched.values()) - rules.right_names(case)
+    matched, false = case.matching.pairs, sure & case.matching.false
     said = [f.sentence for f in found.findings if (f.location, f.effect) == (place, effect)]
     return {
         "what": f"{name}: {place}.{effect}", "mode": mode if only is None else f"in {only + 1} only",

@@ -1,6 +1,6 @@
-"""Read a tool's answers: rows of names with sizes and certainty, and predictions. A wrong row is told, and left out.
+"""Read a tool's answers: named effects with sizes and certainty, and predictions.
 
-Standard library, numpy and pandas, besides the table of units.
+A wrong row is left out, and gives one line of ``Answers.problems``.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from dtbacklash.arrays import Floats
 from dtbacklash.benchmark import vocabulary
 from dtbacklash.errors import UserError
 from dtbacklash.files import reason
+from dtbacklash.scoring.truth import Key
 
 FILE, CASES = "answers.csv", "cases.txt"
 COLUMNS = ("case", "place", "effect", "size", "unit", "low", "high", "certainty")
 #: columns that may be missing, or empty
 OPTIONAL = COLUMNS[3:]
-#: characters of a cell that a message shows
-SHOWN = 40
-#: what people write for the signs of a unit
+#: a message shows so many characters of a cell
+MESSAGE_CHARACTERS = 40
+#: (how people spell a part of a unit, how the table of units does)
 SPELLINGS = (
     (r"[*·()]", " "), ("²", "^2"), ("³", "^3"), (r"(?<=[A-Za-z])(?=[2-9])", "^"), (r"\bN(m?)s\b", r"N \1 s"),
     (r" *(/| ) *", r"\1"),
@@ -36,7 +37,7 @@ SPELLINGS = (
 
 @dataclass(frozen=True)
 class Row:
-    """One name: place and effect in the vocabulary's words; size with its interval in the unit as written."""
+    """One name: place and effect in the vocabulary's words; size and interval in the unit of the answer."""
 
     case: str
     place: str
@@ -47,8 +48,13 @@ class Row:
     high: float | None = None
     certainty: float = 1.0
 
+    @property
+    def key(self) -> Key:
+        """Place and effect."""
+        return self.place, self.effect
+
     def size_in(self, unit: str) -> tuple[float | None, float | None, float | None]:
-        """Size, low and high in a unit; None where they are not given, or of another kind."""
+        """Size, low and high in a unit; None if the row has none, or in a unit of another kind."""
         factor = factor_between(self.unit, unit) if self.unit else 1.0
         if factor is None:
             return None, None, None
@@ -57,12 +63,12 @@ class Row:
 
 
 def factor_between(written: str, unit: str) -> float | None:
-    """The factor from a value in a unit as people write it to the value in another; None where their kinds differ.
+    """The factor that converts a value from a unit, as people spell it, to another; None if their kinds differ.
 
     An angle is a number: ``N m s`` is ``N m s/rad``. A frequency in Hz is 2 pi of it in rad/s.
     """
     unit = unit or "1"
-    for text in dict.fromkeys((written, _spelled(written))):
+    for text in dict.fromkeys((written, _plain_unit(written))):
         if text == unit:
             return 1.0
         for own in filter(None, (units.composed(text), units.find(text))):
@@ -78,7 +84,7 @@ def factor_between(written: str, unit: str) -> float | None:
     return None
 
 
-def _spelled(unit: str) -> str:
+def _plain_unit(unit: str) -> str:
     for sign, right in SPELLINGS:
         unit = re.sub(sign, right, unit)
     return " ".join(unit.split())
@@ -86,7 +92,7 @@ def _spelled(unit: str) -> str:
 
 @dataclass
 class Answers:
-    """rows : case -> its names. cases : those that the tool worked on. problems : a line for each wrong row or file."""
+    """rows : case -> its names. cases : that the tool worked on. problems : a line for each wrong row or file."""
 
     rows: dict[str, list[Row]] = field(default_factory=dict)
     cases: list[str] = field(default_factory=list)
@@ -94,17 +100,17 @@ class Answers:
 
 
 def read(folder: Path, cases: Mapping[str, str], places: Mapping[str, Mapping[str, str]]) -> Answers:
-    """Read ``answers.csv`` and, where it is there, ``cases.txt``: the cases that the tool worked on (else all).
+    """Read ``answers.csv``, and ``cases.txt`` with the cases that the tool worked on (default: all).
 
     cases : number -> machine. places : machine -> spelling -> place.
 
-    Raises UserError: there is no such file, it cannot be read, or it lacks a column.
+    Raises UserError: the file is missing, cannot be read, or lacks a column.
     """
     found = Answers(cases=list(cases))
     if (folder / CASES).is_file():
         words = _text(folder / CASES).split()
         found.cases = sorted({w.zfill(3) for w in words} & set(cases))
-        found.problems += [f"{CASES}: no case {w[:SHOWN]!r}" for w in words if w.zfill(3) not in cases]
+        found.problems += [f"{CASES}: no case {w[:MESSAGE_CHARACTERS]!r}" for w in words if w.zfill(3) not in cases]
     first, *lines = re.split(r"\r\n|\r|\n", _text(folder / FILE))
     delimiter = max(";\t,", key=first.count)
     names = [vocabulary.plain(name) for name in next(csv.reader([first], delimiter=delimiter), [])]
@@ -137,8 +143,8 @@ def _add(found: Answers, row: Row) -> None:
     if row.case not in found.cases:
         raise ValueError(f"case {row.case} is not in {CASES}")
     there = found.rows.setdefault(row.case, [])
-    if (row.place, row.effect) in [(one.place, one.effect) for one in there]:
-        raise ValueError(f"{row.place} {row.effect} stands there twice")
+    if row.key in [other.key for other in there]:
+        raise ValueError(f"{row.place} {row.effect} is named twice")
     there.append(row)
 
 
@@ -146,9 +152,9 @@ def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, M
     """One row; raises ValueError: what is wrong with it."""
     case = cells.get("case", "").removesuffix(".0").zfill(3)
     if case not in cases:
-        raise ValueError(f"no case {cells.get('case', '')[:SHOWN]!r}")
-    place = vocabulary.meant(cells.get("place", ""), places[cases[case]])
-    effect = vocabulary.meant(cells.get("effect", ""), vocabulary.effects())
+        raise ValueError(f"no case {cells.get('case', '')[:MESSAGE_CHARACTERS]!r}")
+    place = vocabulary.word_of(cells.get("place", ""), places[cases[case]])
+    effect = vocabulary.word_of(cells.get("effect", ""), vocabulary.effects())
     size, low, high, certainty = (_number(cells, name, comma) for name in ("size", "low", "high", "certainty"))
     if low is not None and high is not None and low > high:
         raise ValueError(f"low {low:g} is above high {high:g}")
@@ -156,7 +162,7 @@ def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, M
         raise ValueError(f"certainty {certainty:g} is not from 0 to 1")
     if re.fullmatch(r"[\d.,]+", cells.get("unit", "")) and cells["unit"] != "1":
         raise ValueError(
-            f"unit {cells['unit'][:SHOWN]!r} is a number; a decimal comma takes semicolons between columns"
+            f"unit {cells['unit'][:MESSAGE_CHARACTERS]!r} is a number; a decimal comma takes semicolons between columns"
         )
     return Row(case, place, effect, size, cells.get("unit", ""), low, high, 1.0 if certainty is None else certainty)
 
@@ -168,14 +174,14 @@ def _number(cells: dict[str, str], name: str, comma: bool) -> float | None:
     try:
         value = float(text.replace(",", ".") if comma else text)
     except ValueError:
-        raise ValueError(f"{name} {text[:SHOWN]!r} is no number") from None
+        raise ValueError(f"{name} {text[:MESSAGE_CHARACTERS]!r} is no number") from None
     if not math.isfinite(value):
-        raise ValueError(f"{name} {text[:SHOWN]!r} is not finite")
+        raise ValueError(f"{name} {text[:MESSAGE_CHARACTERS]!r} is not finite")
     return value
 
 
 def prediction(folder: Path, case: str, channels: Mapping[str, int]) -> tuple[dict[str, Floats] | None, str]:
-    """Channel -> (N,) predicted readings of a case, and what is wrong with them; None without a usable file.
+    """Channel -> (N,) predicted readings of a case, or None; and what is wrong with its file, or nothing.
 
     channels : name -> number of samples.
     """

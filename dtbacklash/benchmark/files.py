@@ -7,36 +7,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from dtbacklash.benchmark.truth import Truth
 from dtbacklash.benchmark.vocabulary import table
 from dtbacklash.errors import UserError
 from dtbacklash.files import reason
-from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import seal
+from dtbacklash.prove.conceal import csv_text, nominal_rig
+from dtbacklash.scoring.truth import Truth
 
 README, ABOUT, HASHES, VOCABULARY, PLACES = "README.md", "benchmark.yaml", "SHA256SUMS", "vocabulary.csv", "places.csv"
 CASES, MACHINES, CASE, TEST_INPUT, ANSWER = "cases", "machines", "case.yaml", "test_input.csv", "answer.json"
 #: of the open split: what the sensors read in the test
 TEST_OUTPUT = "test_output.csv"
-
-
-@cache
-def nominal(name: str) -> Rig:
-    """The nominal rig of a machine."""
-    from dtbacklash.prove.conceal import nominal_rig
-
-    return nominal_rig(name)
-
-
-def text_of(table: pd.DataFrame) -> str:
-    """A table as CSV: nine digits, and no empty lines between."""
-    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+#: significant digits of a number in a table
+DIGITS = 9
+#: a machine's name -> its nominal rig; a table -> its text
+nominal, text_of = cache(nominal_rig), partial(csv_text, digits=DIGITS)
 
 
 def data_text(content: Any) -> str:
@@ -52,7 +43,7 @@ def digest(folder: Path) -> bytes:
 
 
 def sealed_content(case: Path) -> bytes:
-    """What the seal of a case belongs to: all its recordings and its description."""
+    """The bytes that a case's seal belongs to: its recordings and its description."""
     return b"".join((case / name).read_bytes() for name in sorted(f.name for f in case.iterdir()) if name in _PUBLIC)
 
 
@@ -71,7 +62,7 @@ def case_folders(bench: Path) -> list[Path]:
 
 
 def case_of(case: Path) -> dict[str, Any]:
-    """What is said of a case; raises UserError: it cannot be read."""
+    """The content of a case's ``case.yaml``; raises UserError: it cannot be read."""
     try:
         content: dict[str, Any] = json.loads((case / CASE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The machines of the benchmark as a stranger reads them: plain data, equations of motion in words, an MJCF."""
+"""The machines of the benchmark in words: equations of motion, tables of parameters and places; and as MJCF."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def places(rig: Rig) -> list[tuple[str, str]]:
 
 
 def mjcf(rig: Rig) -> str | None:
-    """The nominal machine as a MuJoCo model; None for one that it cannot say: with a winding, a gear or a screw."""
+    """The nominal machine as a MuJoCo model; None if it has a winding, a gear or a screw."""
     kinds = {element.kind for element in rig.elements.values()}
     if not kinds <= {"amplifier", "actuator", "carriage", "mass", "rotor", "link", "shaft"}:
         return None

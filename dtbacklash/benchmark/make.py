@@ -1,4 +1,4 @@
-"""Make the benchmark's folder; cases that are there already are kept, so that it can be made in parts."""
+"""Make the benchmark's folder; finished cases are kept, so that it can be made in parts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from typing import Any
 import pandas as pd
 
 from dtbacklash.benchmark import files, machines, real, vocabulary
-from dtbacklash.benchmark.conceal import Concealed, conceal
-from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, Planned, commitment, planned
-from dtbacklash.benchmark.truth import Truth
+from dtbacklash.benchmark.conceal import ConcealedCase, conceal
+from dtbacklash.benchmark.plan import MACHINES, SEED, VERSION, CasePlan, commitment, plan_cases
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
@@ -23,6 +22,7 @@ from dtbacklash.files import json_text, read_json, write_bytes, write_text, writ
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_content
 from dtbacklash.prove import seal
+from dtbacklash.scoring.truth import Truth
 
 NAME = "dtbacklash benchmark"
 
@@ -44,16 +44,16 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
     if name.exists() and not key_file.exists():
         raise UserError("key", key_file, f"is not there, and {out} was begun with it; give its key or a new folder")
     key = seal.read_or_make_key(key_file)
-    plan = planned(seed, per_machine, key)
+    plan = plan_cases(seed, per_machine, key)
     about = {"name": NAME, "version": VERSION, "concealed": len(plan), "commitment": commitment(seed, len(plan), key)}
     about |= {"seed": seed} if seed == SEED else {}
-    for case in (out / files.CASES / one.number for one in plan):
+    for case in (out / files.CASES / p.number for p in plan):
         if (case / seal.SEALED).exists():
             files.truth_of(case, key_file)
     if name.exists() and read_json(name) != about:
         raise UserError("out", out, "holds a benchmark of another seed, size or key; give a new folder")
     write_text(name, files.data_text(about))
-    jobs = [Making(out / files.CASES / one.number, one, key_file) for one in plan]
+    jobs = [MakeCase(out / files.CASES / p.number, p, key_file) for p in plan]
     engine.complete(jobs, by, tell, "concealing", "cases")
     for j, recording in enumerate(real.RECORDINGS):
         _write_real(out / files.CASES / f"{len(plan) + j + 1:03d}", recording)
@@ -65,54 +65,54 @@ def make(out: Path, key_file: Path, by: Backend, tell: Tell, seed: int = SEED, p
 
 
 @dataclass(frozen=True)
-class Making(Job):
+class MakeCase(Job):
     """Make one case in the folder ``record``."""
 
     record: Path
-    planned: Planned
+    plan: CasePlan
     key_file: Path
 
     def done(self) -> bool:
         return self.record.exists()
 
     def work(self) -> None:
-        rig = files.nominal(self.planned.machine)
-        write_case(self.record, self.planned, rig, conceal(self.planned, rig), seal.read_key(self.key_file))
+        rig = files.nominal(self.plan.machine)
+        write_case(self.record, self.plan, rig, conceal(self.plan, rig), seal.read_key(self.key_file))
 
     def died(self, error: Exception | None) -> None:
-        raise error or Failure("seed", self.planned.seed, "no case came of it: its worker died")
+        raise error or Failure("seed", self.plan.seed, "no case came of it: its worker died")
 
 
-def write_case(folder: Path, one: Planned, rig: Rig, made: Concealed, key: bytes) -> None:
+def write_case(folder: Path, plan: CasePlan, rig: Rig, case: ConcealedCase, key: bytes) -> None:
     """Write a case, complete or not at all."""
     with written(folder) as scratch:
         scratch.mkdir()
-        for name, table in made.recordings.items():
+        for name, table in case.recordings.items():
             (scratch / f"{name}.csv").write_text(files.text_of(table), encoding="utf-8")
-        (scratch / files.TEST_INPUT).write_text(files.text_of(made.test_input), encoding="utf-8")
-        (scratch / files.CASE).write_text(files.data_text(_case_content(one, rig, made)), encoding="utf-8")
-        if one.split == "development":
-            (scratch / files.ANSWER).write_text(made.truth.to_json(), encoding="utf-8")
-            output = files.text_of(pd.DataFrame({"t": made.test_input["t"], **made.truth.test}))
+        (scratch / files.TEST_INPUT).write_text(files.text_of(case.test_input), encoding="utf-8")
+        (scratch / files.CASE).write_text(files.data_text(_case_content(plan, rig, case)), encoding="utf-8")
+        if plan.split == "development":
+            (scratch / files.ANSWER).write_text(case.truth.to_json(), encoding="utf-8")
+            output = files.text_of(pd.DataFrame({"t": case.test_input["t"], **case.truth.test}))
             (scratch / files.TEST_OUTPUT).write_text(output, encoding="utf-8")
             return
-        sealed = seal.seal_text(made.truth.to_json(), files.sealed_content(scratch), key)
+        sealed = seal.seal_text(case.truth.to_json(), files.sealed_content(scratch), key)
         (scratch / seal.SEALED).write_text(json_text(sealed), encoding="utf-8")
 
 
-def _case_content(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
+def _case_content(plan: CasePlan, rig: Rig, case: ConcealedCase) -> dict[str, Any]:
     """The content of a case's ``case.yaml``."""
-    channels = {name: rig.sensors[name] for name in made.truth.test}
+    channels = {name: rig.sensors[name] for name in case.truth.test}
     instruments = {
-        name: {"of": s.of, "quantity": s.quantity, "unit": s.recorded_in, "noise": made.noise[name],
-               "count": made.resolution[name]}
+        name: {"of": s.of, "quantity": s.quantity, "unit": s.recorded_in, "noise": case.noise[name],
+               "count": case.resolution[name]}
         for name, s in channels.items()
     }  # fmt: skip
-    train = made.recordings["train"]
+    train = case.recordings["train"]
     return {
-        "case": one.number, "machine": one.machine, "split": one.split,
-        "task": "change" if one.kind == "change" else "missing", "recordings": [f"{n}.csv" for n in made.recordings],
-        "test": files.TEST_INPUT, "sample_time_s": float(f"{train['t'].iloc[1]:.9g}"),
+        "case": plan.number, "machine": plan.machine, "split": plan.split,
+        "task": "change" if plan.kind == "change" else "missing", "recordings": [f"{n}.csv" for n in case.recordings],
+        "test": files.TEST_INPUT, "sample_time_s": float(f"{train['t'].iloc[1]:.{files.DIGITS}g}"),
         "columns": {"t": "s", "r": "the reference of its controller (no input)", "u": "V",
                     **{n: s.recorded_in for n, s in channels.items()}},
         "predict": list(channels), "instruments": instruments,
@@ -120,23 +120,23 @@ def _case_content(one: Planned, rig: Rig, made: Concealed) -> dict[str, Any]:
 
 
 def _write_real(folder: Path, recording: real.Real) -> None:
-    """Write the case of a real recording: a copy where the licence allows one, else how to get it.
+    """Write the case of a real recording: a copy if its licence allows one, else how to fetch it.
 
-    A copy that is there stays where none can be made now.
+    An earlier copy stays if none can be made now.
     """
-    about, found = real.about(recording), real.table(recording)
-    if found is None and (folder / "train.csv").exists():
+    about, copy = real.about(recording), real.table(recording)
+    if copy is None and (folder / "train.csv").exists():
         return
     truth = Truth(folder.name, about["machine"], "real", "real", False, list(recording.hidden), list(recording.allowed))
-    said: dict[str, Any] = {"case": folder.name, "split": "real", "task": "missing", **about}
+    content: dict[str, Any] = {"case": folder.name, "split": "real", "task": "missing", **about}
     shutil.rmtree(folder, ignore_errors=True)
     with written(folder) as scratch:
         scratch.mkdir()
-        if found is not None:
-            frame, units = found
+        if copy is not None:
+            frame, units = copy
             (scratch / "train.csv").write_text(files.text_of(frame), encoding="utf-8")
-            said |= {"recordings": ["train.csv"], "columns": units}
-        (scratch / files.CASE).write_text(files.data_text(said), encoding="utf-8")
+            content |= {"recordings": ["train.csv"], "columns": units}
+        (scratch / files.CASE).write_text(files.data_text(content), encoding="utf-8")
         (scratch / files.ANSWER).write_text(truth.to_json(), encoding="utf-8")
 
 
@@ -152,7 +152,7 @@ def _write_machines(out: Path) -> None:
 
 
 def rig_data(rig: Rig) -> dict[str, Any]:
-    """A rig as plain data without what is not set."""
+    """A rig as plain data, without empty fields."""
 
     def plain(value: Any) -> Any:
         if hasattr(value, "__dataclass_fields__"):
@@ -166,7 +166,7 @@ def rig_data(rig: Rig) -> dict[str, Any]:
 
 
 def _machines() -> Sequence[str]:
-    return list(dict.fromkeys([*MACHINES, *(str(real.about(one)["machine"]) for one in real.RECORDINGS)]))
+    return list(dict.fromkeys([*MACHINES, *(str(real.about(recording)["machine"]) for recording in real.RECORDINGS)]))
 
 
 def _write_vocabulary(out: Path) -> None:

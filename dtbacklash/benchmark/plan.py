@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import hmac
 from dataclasses import dataclass
 from operator import ne
 
 import numpy as np
+
+from dtbacklash.prove.seal import keyed_hash
 
 VERSION = "1.0"
 #: the first seed of the published benchmark
@@ -26,7 +27,7 @@ SEED_BYTES = 16
 
 
 @dataclass(frozen=True)
-class Planned:
+class CasePlan:
     """One case to make: its number, seed, machine, what kind of thing it hides, and for which split it is."""
 
     number: str
@@ -37,7 +38,7 @@ class Planned:
     split: str
 
 
-def planned(seed: int = SEED, per_machine: int | None = None, key: bytes = b"") -> list[Planned]:
+def plan_cases(seed: int = SEED, per_machine: int | None = None, key: bytes = b"") -> list[CasePlan]:
     """The concealed cases of a benchmark by their numbers; the order tells nothing of what is hidden.
 
     per_machine : so many cases of each machine, for a smaller benchmark. None: all 24.
@@ -49,30 +50,24 @@ def planned(seed: int = SEED, per_machine: int | None = None, key: bytes = b"") 
         for kind, lifelike, many, open_ones in COUNTS for j in range(many)
     ]  # fmt: skip
     if per_machine is not None:
-        kinds = [kinds[j] for j in _in_turn(kinds, per_machine)]
+        kinds = [kinds[j] for j in _take_in_turn(kinds, per_machine)]
     every = [(machine, *kind) for machine in MACHINES for kind in kinds]
-    start = seed if seed == SEED else _drawn(seed, "order", key)
+    start = seed if seed == SEED else _seed_from_key(seed, "order", key)
     order = np.random.default_rng([start, len(every)]).permutation(len(every))
-    return [
-        Planned(f"{n + 1:03d}", seed + n if seed == SEED else _drawn(seed, n, key), machine, kind, lifelike, split)
-        for n, (machine, kind, lifelike, split) in enumerate(every[j] for j in order)
-    ]
+    seeds = [seed + n if seed == SEED else _seed_from_key(seed, n, key) for n in range(len(every))]
+    return [CasePlan(f"{n + 1:03d}", seeds[n], *every[j]) for n, j in enumerate(order)]
 
 
 def commitment(seed: int, cases: int, key: bytes) -> str:
-    """What a benchmark was made from, hexadecimal; tells nothing without the key."""
-    return _coded(f"benchmark {seed} {cases}", key).hex()
+    """A keyed hash of seed and size, hexadecimal; tells nothing without the key."""
+    return keyed_hash(key, f"benchmark {seed} {cases}").hex()
 
 
-def _drawn(seed: int, what: int | str, key: bytes) -> int:
-    return int.from_bytes(_coded(f"seed {seed} {what}", key)[:SEED_BYTES], "big")
+def _seed_from_key(seed: int, what: int | str, key: bytes) -> int:
+    return int.from_bytes(keyed_hash(key, f"seed {seed} {what}")[:SEED_BYTES], "big")
 
 
-def _coded(text: str, key: bytes) -> bytes:
-    return hmac.digest(key, text.encode(), "sha256")
-
-
-def _in_turn(kinds: list[tuple[str, bool, str]], many: int) -> list[int]:
+def _take_in_turn(kinds: list[tuple[str, bool, str]], many: int) -> list[int]:
     """The indexes of ``many`` of a machine's cases: its kinds, both splits, clean and lifelike ones in turn."""
     left, taken, turn = list(range(len(kinds))), list[int](), 0
     while left and len(taken) < many:

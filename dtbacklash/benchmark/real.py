@@ -8,22 +8,22 @@ from typing import Any
 
 import pandas as pd
 
-from dtbacklash.benchmark.truth import Hidden
+from dtbacklash.scoring.truth import Hidden
 
 #: licences that allow a copy
-FREE = ("BSD-3-Clause", "CC BY-SA 4.0")
+COPYABLE = ("BSD-3-Clause", "CC BY-SA 4.0")
 EMPS = (
     Hidden("carriage", "viscous_friction", 203.5, "N s/m"), Hidden("carriage", "coulomb_friction", 20.39, "N"),
     Hidden("carriage", "constant_force", -3.165, "N"),
 )  # fmt: skip
-#: what their authors give beside these: a friction that differs between the directions
+#: the authors also publish a friction that differs between the directions
 EMPS_ALLOWED = (("carriage", "asymmetric_friction"), ("carriage", "stribeck_friction"))
-COGGING, LOST = (Hidden("rotor", "cogging"),), (Hidden("joint", "backlash"),)
+COGGING, BACKLASH = (Hidden("rotor", "cogging"),), (Hidden("joint", "backlash"),)
 
 
 @dataclass(frozen=True)
 class Real:
-    """One recording: what ``recording=`` takes, its mapping's file (empty: the default), what is published."""
+    """One recording. source : as ``recording=`` takes it. file : of its mapping; empty: the default."""
 
     source: str
     file: str
@@ -47,14 +47,14 @@ RECORDINGS = (
     ),
     Real("anticogging:off", "", COGGING),
     Real("anticogging:on", "", COGGING),
-    Real("brfd", "dataset-2_0.5Hz_30lb_1in.json", LOST),
-    Real("brfd", "dataset-2_0.25Hz_30lb_0.5in.json", LOST),
-    Real("brfd", "dataset-1_0.5Hz_20lb.json", LOST),
+    Real("brfd", "dataset-2_0.5Hz_30lb_1in.json", BACKLASH),
+    Real("brfd", "dataset-2_0.25Hz_30lb_0.5in.json", BACKLASH),
+    Real("brfd", "dataset-1_0.5Hz_20lb.json", BACKLASH),
 )  # fmt: skip
 
 
 def about(real: Real) -> dict[str, Any]:
-    """What is said of a recording: title, licence, how to cite and to get it."""
+    """Title and licence of a recording, how to cite it, and how to fetch it."""
     from dtbacklash.recording.mapping import load_mapping
 
     mapping = load_mapping(real.mapping)
@@ -73,7 +73,7 @@ def table(real: Real) -> tuple[pd.DataFrame, dict[str, str]] | None:
 
     mapping = load_mapping(real.mapping)
     file = real.file or mapping.file
-    if mapping.licence not in FREE or not file:
+    if mapping.licence not in COPYABLE or not file:
         return None
     path = locate.find(mapping, file)
     if path is None:

@@ -1,29 +1,32 @@
-"""The score of a tool's answers: every figure with its count and 95 % interval.
+"""Score a folder of answers against a benchmark: every figure with its count and 95 % interval.
 
-A name counts as said if its certainty is at least ``SAID``. All names, also less certain ones, count for the
-reliability of certainty. Nothing here knows how an answer came about; standard library and numpy.
+A name counts as a claim if its certainty is at least ``MIN_CERTAINTY``. All names count for the reliability of
+certainty.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.benchmark.answers import Answers, Row
-from dtbacklash.benchmark.truth import Hidden, Truth
-from dtbacklash.scoring.shares import Counted, holds, median_interval, wilson
+from dtbacklash.benchmark import answers, files
+from dtbacklash.benchmark.answers import Row
+from dtbacklash.errors import UserError
+from dtbacklash.scoring.shares import Count, holds, median_interval, wilson
+from dtbacklash.scoring.truth import Matching, Truth
 
 #: a name with less certainty is an alternative
-SAID = 0.5
+MIN_CERTAINTY = 0.5
 #: relative error of a size that is right
-NEAR = 0.1
+SIZE_TOLERANCE = 0.1
 #: ranges of certainty whose names are counted together
 BINS = 5
-#: an error of a prediction beyond so many of the oracle's is one that has run away
+#: an error of a prediction counts as at most so many of the oracle's
 RUNAWAY = 1e6
 
 
@@ -47,7 +50,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Bin(Counted):
+class Bin(Count):
     """Names of similar certainty: its mean, how many there are, and how many are right."""
 
     certainty: float
@@ -71,40 +74,45 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One case with what a tool said of it. ratio : see :func:`error_ratio`."""
+class ScoredCase:
+    """One case with a tool's names for it. ratio : see :func:`error_ratio`."""
 
     truth: Truth
     rows: Sequence[Row]
     ratio: float | None = None
 
     @property
-    def said(self) -> list[Row]:
-        """The names that count as said."""
-        return [row for row in self.rows if row.certainty >= SAID]
+    def claims(self) -> list[Row]:
+        """The names that count as claims."""
+        return [row for row in self.rows if row.certainty >= MIN_CERTAINTY]
 
-    def named(self) -> Iterator[tuple[Hidden, Row | None]]:
-        """What is hidden, each with the row that names it."""
-        for hidden in self.truth.hidden:
-            key = hidden.place, hidden.effect
-            yield hidden, next((row for row in self.said if (row.place, row.effect) == key), None)
+    def matching(self, rows: Sequence[Row]) -> Matching:
+        """Some of the names, matched with what is hidden."""
+        return Matching([hidden.key for hidden in self.truth.hidden], [row.key for row in rows], self.truth.allowed)
 
-    def placed(self) -> list[bool]:
-        """Of each thing that is hidden, whether a name stands at its place."""
-        places = {row.place for row in self.said}
-        return [hidden.place in places for hidden in self.truth.hidden]
+    @property
+    def groups(self) -> set[str]:
+        """The groups whose figures count it."""
+        made = "lifelike" if self.truth.lifelike else "real" if self.truth.kind == "real" else "clean"
+        return {"all", self.truth.split, self.truth.kind, made, self.truth.machine}
 
-    def is_right(self, row: Row) -> bool:
-        """Whether a name is hidden."""
-        return (row.place, row.effect) in [(one.place, one.effect) for one in self.truth.hidden]
+    def wrong_units(self) -> list[str]:
+        """A line for each size that is in a unit of another kind."""
+        hidden = {h.key: h for h in self.truth.hidden if h.size is not None}
+        rows = [(row, hidden[row.key]) for row in self.rows if row.key in hidden and row.size is not None]
+        return [
+            f"case {row.case}: {row.unit[: answers.MESSAGE_CHARACTERS]!r} is no unit for {row.place} {row.effect} "
+            f"({h.unit or 1}); its size counts as wrong"
+            for row, h in rows if row.size_in(h.unit)[0] is None
+        ]  # fmt: skip
 
-    def is_false(self, row: Row) -> bool:
-        """Whether a name is neither hidden nor one of the small things that the machine has besides."""
-        return not self.is_right(row) and (row.place, row.effect) not in self.truth.allowed
-
-    def sizes(self) -> list[tuple[Hidden, float | None, float | None, float | None]]:
-        """Of what is named and has a size: the truth; size, low and high in its unit."""
-        return [(h, *row.size_in(h.unit)) for h, row in self.named() if row is not None and h.size is not None]
+    def sizes(self) -> list[tuple[float, float | None, float | None, float | None]]:
+        """Of what is named and has a size: the true size; size, low and high in its unit."""
+        rows = {row.key: row for row in self.claims}
+        return [
+            (hidden.size, *rows[hidden.key].size_in(hidden.unit)) for hidden in self.truth.hidden
+            if hidden.key in rows and hidden.size is not None
+        ]  # fmt: skip
 
 
 def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float | None:
@@ -121,39 +129,18 @@ def error_ratio(truth: Truth, predicted: Mapping[str, Floats] | None) -> float |
     return float(np.sqrt(np.mean(squares)))
 
 
-def score(tool: str, truths: Sequence[Truth], answers: Answers, ratios: Mapping[str, float | None]) -> Score:
-    """Score the answers of one tool.
-
-    truths : of the cases that it worked on. ratios : case -> :func:`error_ratio` of its prediction.
-    """
-    judged = [Judged(t, answers.rows.get(t.case, ()), ratios.get(t.case)) for t in truths]
-    every = [*(t.split for t in truths), *(t.kind for t in truths)]
-    groups = dict.fromkeys(["all", *every, "clean", "lifelike", *(t.machine for t in truths if t.kind != "real")])
-    figures = [f for name in groups for f in figures_of([j for j in judged if name in _groups_of(j.truth)], name)]
-    return Score(tool, len(truths), figures, reliability(judged), answers.problems)
-
-
-def _groups_of(truth: Truth) -> set[str]:
-    """The groups whose figures count a case."""
-    made = "lifelike" if truth.lifelike else "real" if truth.kind == "real" else "clean"
-    return {"all", truth.split, truth.kind, made, truth.machine}
-
-
-def figures_of(judged: Sequence[Judged], group: str) -> list[Figure]:
+def figures_of(cases: Sequence[ScoredCase], group: str) -> list[Figure]:
     """The figures of some cases."""
-    named = [row is not None for j in judged for _, row in j.named()]
-    placed = [right for j in judged for right in j.placed()]
-    false = [j.is_false(row) for j in judged for row in j.said if j.is_right(row) or j.is_false(row)]
-    sizes = [s for j in judged for s in j.sizes()]
-    within = [
-        size is not None and abs(size - h.size) <= NEAR * abs(h.size) for h, size, _, _ in sizes if h.size is not None
-    ]
-    intervals = [
-        holds((low, high), h.size) for h, _, low, high in sizes if None not in (low, high) and h.size is not None
-    ]
-    clean = [not any(j.is_false(row) for row in j.said) for j in judged]
-    nothing = [right for j, right in zip(judged, clean, strict=True) if not j.truth.hidden]
-    ratios = [j.ratio for j in judged if j.ratio is not None]
+    matchings = [case.matching(case.claims) for case in cases]
+    named = [i in m.exact for m in matchings for i in range(len(m.hidden))]
+    placed = [i in m.placed for m in matchings for i in range(len(m.hidden))]
+    false = [j in m.false for m in matchings for j in sorted(m.right | m.false)]
+    clean = [not m.false for m in matchings]
+    nothing = [not m.false for m in matchings if not m.hidden]
+    sizes = [s for case in cases for s in case.sizes()]
+    within = [size is not None and abs(size - true) <= SIZE_TOLERANCE * abs(true) for true, size, _, _ in sizes]
+    intervals = [holds((low, high), true) for true, _, low, high in sizes if None not in (low, high)]
+    ratios = [case.ratio for case in cases if case.ratio is not None]
     shares = [
         ("named", "hidden things named, with their place", named),
         ("place", "hidden things with a name at their place, right or wrong", placed),
@@ -175,17 +162,48 @@ def _share(name: str, what: str, group: str, right: Sequence[bool]) -> Figure:
     return Figure(name, what, group, count / of if of else math.nan, of, *wilson(count, of), count)
 
 
-def reliability(judged: Sequence[Judged]) -> list[Bin]:
+def reliability(cases: Sequence[ScoredCase]) -> list[Bin]:
     """Names by their certainty, in ``BINS`` equal ranges; a range without a name is left out.
 
     Names of small things that a machine has besides are neither right nor false, and left out.
     """
-    names = [
-        (row.certainty, j.is_right(row)) for j in judged for row in j.rows if j.is_right(row) or j.is_false(row)
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for case in cases:
+        matching = case.matching(case.rows)
+        for j in sorted(matching.right | matching.false):
+            certainty = case.rows[j].certainty
+            bins.setdefault(min(int(certainty * BINS), BINS - 1), []).append((certainty, j in matching.right))
+    return [
+        Bin(float(np.mean([certainty for certainty, _ in names])), sum(right for _, right in names), len(names))
+        for _, names in sorted(bins.items())
     ]  # fmt: skip
-    found = []
-    for k in range(BINS):
-        inside = [(c, right) for c, right in names if min(int(c * BINS), BINS - 1) == k]
-        if inside:
-            found.append(Bin(float(np.mean([c for c, _ in inside])), sum(right for _, right in inside), len(inside)))
-    return found
+
+
+def score_folder(folder: Path, bench: Path, key_file: Path | None, split: str, tool: str) -> Score:
+    """The score of the answers in a folder; split : ``all``, or that of the cases that count.
+
+    A real recording of which the benchmark has no copy counts only where the tool names the case.
+
+    Raises UserError: no benchmark, no answers, no key where one is needed, a file that was changed.
+    """
+    about = {case.name: files.case_of(case) for case in files.case_folders(bench)}
+    given = answers.read(folder, {name: str(a["machine"]) for name, a in about.items()}, files.places_of(bench))
+    listed = set(given.cases if (folder / answers.CASES).is_file() else given.rows)
+    worked_on = [n for n in given.cases if n in listed or about[n]["split"] != "real" or "recordings" in about[n]]
+    numbers = [n for n in worked_on if split in ("all", about[n]["split"])]
+    if not numbers:
+        splits = ", ".join(dict.fromkeys(about[n]["split"] for n in worked_on))
+        raise UserError("split", split, f"has no case that the tool worked on; it has such of {splits or 'none'}")
+    cases, problems = [], given.problems
+    for number in numbers:
+        truth = files.truth_of(bench / files.CASES / number, key_file)
+        samples = {channel: len(values) for channel, values in truth.test.items()}
+        predicted, problem = answers.prediction(folder, number, samples) if samples else (None, "")
+        cases.append(ScoredCase(truth, given.rows.get(number, ()), error_ratio(truth, predicted)))
+        problems += [f"{problem}; the prediction is left out"] if problem else []
+        problems += cases[-1].wrong_units()
+    splits_and_kinds = [*(c.truth.split for c in cases), *(c.truth.kind for c in cases)]
+    machines = [c.truth.machine for c in cases if c.truth.kind != "real"]
+    groups = dict.fromkeys(["all", *splits_and_kinds, "clean", "lifelike", *machines])
+    figures = [f for group in groups for f in figures_of([c for c in cases if group in c.groups], group)]
+    return Score(tool, len(cases), figures, reliability(cases), problems)

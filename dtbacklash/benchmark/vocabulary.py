@@ -1,17 +1,16 @@
-"""The words of an answer, and how a person's spelling becomes one of them. Standard library only."""
+"""The words of an answer, and how a person's spelling becomes one of them."""
 
 from __future__ import annotations
 
 import csv
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
+from dtbacklash.config.near import meant
+
 FILE = Path(__file__).with_name("vocabulary.csv")
-#: a parameter with another value than the model's, and physics that no other word means
-WRONG_PARAMETER, UNLISTED = "wrong_parameter", "unlisted"
 
 
 def plain(text: str) -> str:
@@ -39,15 +38,12 @@ def effects() -> dict[str, str]:
         return table((row["effect"], filter(None, row["synonyms"].split(";"))) for row in csv.DictReader(file))
 
 
-def meant(text: str, known: Mapping[str, str]) -> str:
+def word_of(text: str, known: Mapping[str, str]) -> str:
     """The word that a spelling stands for.
 
-    Raises ValueError: no such word; says which one is near.
+    Raises ValueError: no such word; says which ones are near.
     """
-    found = known.get(plain(text))
-    if found is None:
-        near = difflib.get_close_matches(plain(text), known, n=1)
-        raise ValueError(
-            f"{text[:40]!r} is not in the vocabulary" + (f"; did you mean {known[near[0]]}?" if near else "")
-        )
-    return found
+    if found := known.get(plain(text)):
+        return found
+    hint = meant(plain(text), dict.fromkeys(known.values())).strip()
+    raise ValueError(f"{text[:40]!r} is not in the vocabulary" + (f"; {hint}" if hint else ""))

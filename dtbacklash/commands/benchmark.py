@@ -42,7 +42,7 @@ def _make(config: MakeConfig) -> int:
 
 
 def _score(words: Sequence[str]) -> int:
-    from dtbacklash.benchmark.judge import judge
+    from dtbacklash.benchmark.score import score_folder
     from dtbacklash.commands.console import shown_path
     from dtbacklash.report.benchmark import page
     from dtbacklash.report.components import tables
@@ -54,7 +54,7 @@ def _score(words: Sequence[str]) -> int:
     answers, bench = (Path(folder).expanduser().absolute() for folder in folders)
     out = Path(config.out).expanduser().absolute() if config.out else answers.with_name(f"{answers.name}_score")
     key = Path(config.key).expanduser() if config.key else None
-    score = judge(answers, bench, key, config.split, config.tool or answers.name)
+    score = score_folder(answers, bench, key, config.split, config.tool or answers.name)
     page.write(score, out)
     for line in score.problems:
         print(f"dtb: {line}", file=sys.stderr)

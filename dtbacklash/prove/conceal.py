@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
-import hmac
 import io
 import json
 from dataclasses import replace
@@ -84,7 +82,7 @@ def case_id(
     """The name of a case, which tells nothing about the seed without the key."""
     more = [] if machine == "clean" else [machine]
     words = json.dumps([seed, rig.config.name, kind, effect, instruments, *more])
-    return hmac.new(key, words.encode(), hashlib.sha256).hexdigest()[:12]
+    return seal.keyed_hash(key, words).hex()[:12]
 
 
 def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
@@ -110,10 +108,14 @@ def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Trial) -> pd.
     return pd.DataFrame({"t": t_s, "r": reference + 0.0, "u": run.u + 0.0, **seen})
 
 
+def csv_text(table: pd.DataFrame, digits: int = 12) -> str:
+    """A table as CSV, its numbers with so many significant digits."""
+    return table.to_csv(index=False, float_format=f"%.{digits}g", lineterminator="\n")
+
+
 def csv_gz(table: pd.DataFrame) -> bytes:
     """A table as gzipped CSV without file name and date: the same bytes for the same table."""
-    text = table.to_csv(index=False, float_format="%.12g", lineterminator="\n")
     buffer = io.BytesIO()
     with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0, compresslevel=6) as file:
-        file.write(text.encode())
+        file.write(csv_text(table).encode())
     return buffer.getvalue()

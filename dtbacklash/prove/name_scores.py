@@ -12,7 +12,8 @@ import pandas as pd
 from dtbacklash.physics.element_kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import Counted
+from dtbacklash.scoring.shares import Count
+from dtbacklash.scoring.truth import Key
 
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
@@ -30,7 +31,7 @@ def family(kind: str) -> str:
 
 
 @dataclass(frozen=True)
-class Reliability(Counted):
+class Reliability(Count):
     """How many of the names of one confidence, in one part of the rig or in ``all``, are right."""
 
     confidence: str
@@ -81,7 +82,7 @@ def confusion(cases: Sequence[Case]) -> list[Cell]:
 
 
 #: one side of a pair: (location, effect), or a word where there is neither
-Side = rules.Key | str
+Side = Key | str
 
 
 def _text(side: Side) -> str:
@@ -103,7 +104,7 @@ def _pairs(case: Case) -> list[tuple[Side, Side, bool]]:
             return [(hidden, without, case.kind == "unknown" and rules.unknown_admitted(case))]
         place = (case.secret.get("unknown") or {}).get("location")
         return [(hidden, name, name[0] == place) for name in names]
-    paired = rules.matches(case)
+    paired = case.matching.pairs
     pairs: list[tuple[Side, Side, bool]] = [(case.hidden[i], names[j], True) for i, j in paired.items()]
     missed = [key for i, key in enumerate(case.hidden) if i not in paired]
     more = [name for j, name in enumerate(names) if j not in paired.values()]

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
-
-import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import SHAPES
+from dtbacklash.prove.secret import allowed_in
 from dtbacklash.scoring.shares import holds
-
-Key = tuple[str, str]
+from dtbacklash.scoring.truth import UNLISTED, Key, Matching
 
 #: the kind of a sensor's place
 SENSOR = "sensor"
@@ -69,13 +67,6 @@ class Case:
         return self.secret.get("machine") == "lifelike"
 
     @property
-    def beside(self) -> set[Key]:
-        """(location, effect) that name one of the small things rightly."""
-        small = self.secret.get("beside", [])
-        listed = {(s["location"], s["effect"]) for s in small if "effect" in s}
-        return listed | {(p, e) for s in small for p, e in s.get("akin", [])}
-
-    @property
     def findings(self) -> list[dict[str, Any]]:
         """The findings that name an effect."""
         return [f for f in (self.diagnosis or {}).get("findings", []) if f.get("effect")]
@@ -84,6 +75,16 @@ class Case:
     def named(self) -> list[Key]:
         """(location, effect) of each finding."""
         return [(f["location"], f["effect"]) for f in self.findings]
+
+    @cached_property
+    def matching(self) -> Matching:
+        """The findings, matched with what is hidden; a table means physics that the catalogue lacks."""
+        unknown = self.secret.get("unknown")
+        return Matching(
+            [*self.hidden, *([(unknown["location"], UNLISTED)] if unknown else [])], [_meaning(k) for k in self.named],
+            allowed_in(self.secret), [{_meaning(k) for k in also(f)} for f in self.findings],
+            [j for j, f in enumerate(self.findings) if f.get("confidence") == "one_of"],
+        )  # fmt: skip
 
     @property
     def recalibrated(self) -> dict[str, dict[str, Any]]:
@@ -111,22 +112,8 @@ def also(finding: dict[str, Any]) -> set[Key]:
     return {(a["location"], a["effect"]) for a in finding.get("also_fits", [])}
 
 
-def matches(case: Case) -> dict[int, int]:
-    """Hidden effect -> finding, by index, one to one: most matches by name or stated ambiguity, then most by name."""
-    hidden, findings = case.hidden, case.findings
-    if not hidden or not findings:
-        return {}
-    worth = np.zeros((len(hidden), len(findings)))
-    for i, key in enumerate(hidden):
-        for j, name in enumerate(case.named):
-            worth[i, j] = 1.01 if key == name else float(key in also(findings[j]))
-    rows, columns = linear_sum_assignment(worth, maximize=True)
-    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if worth[i, j] > 0.0}
-
-
-def exact(case: Case) -> set[int]:
-    """Indices of the hidden effects that a finding names at the right place."""
-    return {i for i, key in enumerate(case.hidden) if key in case.named}
+def _meaning(key: Key) -> Key:
+    return (key[0], UNLISTED) if key[1] in SHAPES else key
 
 
 def strict(case: Case) -> bool:
@@ -141,7 +128,7 @@ def within_ambiguity(case: Case) -> bool:
     """
     if case.diagnosis is None:
         return False
-    paired = matches(case)
+    paired = case.matching.pairs
     told = set().union(*(also(row) for row in case.recalibrated.values()))
     left = [key for i, key in enumerate(case.hidden) if i not in paired]
     return len(paired) == len(case.findings) and told.issuperset(left)
@@ -151,11 +138,6 @@ def no_physics(case: Case) -> bool:
     """No finding, and a verdict that says that no physics is missing."""
     findings = (case.diagnosis or {}).get("findings", [])
     return case.verdict in NOTHING_MISSING and not findings
-
-
-def called_consistent(case: Case) -> bool:
-    """The verdict is that only noise of the sensors is left."""
-    return case.verdict == "consistent"
 
 
 def unknown_admitted(case: Case) -> bool:
@@ -182,19 +164,8 @@ def certain(case: Case) -> set[int]:
 
 
 def right_names(case: Case) -> set[int]:
-    """Indices of the findings that mean something that is hidden, or one of the small things beside it.
-
-    A finding means its (location, effect). As ``one_of`` it means also what it may be instead, for a hidden effect one
-    to one; a table among these means physics that the catalogue lacks at its place.
-    """
-    lacking, paired = (case.secret.get("unknown") or {}).get("location"), set(matches(case).values())
-    found = set()
-    for j, (finding, name) in enumerate(zip(case.findings, case.named, strict=True)):
-        others = also(finding) if finding.get("confidence") == "one_of" else set()
-        tables = any(place == lacking and effect in SHAPES for place, effect in others)
-        if name in case.hidden or tables or ({name} | others) & case.beside or (others and j in paired):
-            found.add(j)
-    return found
+    """Indices of the findings that mean something that is hidden, or one of the small things beside it."""
+    return case.matching.right | case.matching.harmless
 
 
 def no_false_name(case: Case) -> bool:
@@ -202,17 +173,17 @@ def no_false_name(case: Case) -> bool:
 
     In a lifelike case it may be one of the small things as well.
     """
-    return case.diagnosis is not None and certain(case) <= set(matches(case).values()) | right_names(case)
+    return case.diagnosis is not None and certain(case).isdisjoint(case.matching.false)
 
 
 def main_named(case: Case) -> bool:
     """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, whatever else was found."""
-    return case.diagnosis is not None and len(matches(case)) == len(case.hidden)
+    return case.diagnosis is not None and set(range(len(case.hidden))) <= set(case.matching.pairs)
 
 
 def main_sure(case: Case) -> bool:
     """The same, and these findings are to be relied on."""
-    return main_named(case) and set(matches(case).values()) <= certain(case)
+    return main_named(case) and set(case.matching.pairs.values()) <= certain(case)
 
 
 def said_with_certainty(case: Case) -> bool:
@@ -249,22 +220,19 @@ def right(case: Case) -> bool:
     return unknown_admitted(case) and unknown_unnamed(case) if case.kind == "unknown" else strict(case)
 
 
-def clear_parameters(case: Case) -> list[str]:
-    """The wrong parameters that an oracle sees: moving only the others does not fit."""
-    return [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
+def right_parameters(case: Case) -> list[bool]:
+    """Of each wrong parameter that an oracle sees, whether it was recalibrated with an interval that holds the truth.
 
-
-def right_parameters(case: Case) -> int:
-    """How many of the clear wrong parameters were recalibrated with an interval that holds the true value."""
-    there = case.recalibrated
-    return sum(
-        name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
-    )
+    The oracle sees a parameter if moving only the others does not fit.
+    """
+    clear = [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
+    moved, truth = case.recalibrated, case.secret["parameters"]
+    return [name in moved and holds(moved[name]["ci95"], truth[name]) for name in clear]
 
 
 def intervals_of(case: Case, i: int) -> list[bool]:
     """Per parameter of hidden effect ``i``, if it was named exactly: whether its interval holds the truth."""
-    if i not in exact(case):
+    if i not in case.matching.exact:
         return []
     truth = case.secret["effects"][i]["parameters"]
     found = case.findings[case.named.index(case.hidden[i])]["parameters"]

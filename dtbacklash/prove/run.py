@@ -115,7 +115,7 @@ def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
             if (rig.config.name, seed) in finished:
                 continue
             case = plan.concealed / conceal.case_id(seed, rig, key, machine=plan.machine)
-            jobs.append(work.Concealing(case, seed, name, plan.key_file, plan.machine))
+            jobs.append(work.ConcealCase(case, seed, name, plan.key_file, plan.machine))
     engine.complete(jobs, by, tell, "concealing", "recordings")
     return [job.record for job in jobs]
 
@@ -157,7 +157,7 @@ def diagnose_missing(
     meanwhile.
     """
     function = diagnose or work.diagnose_folder
-    jobs = [work.Diagnosing(plan.target(case), case, work.rig_of(case, plan.rig), function) for case in cases]
+    jobs = [work.DiagnoseCase(plan.target(case), case, work.rig_of(case, plan.rig), function) for case in cases]
     engine.complete(jobs, by, tell, "diagnosing", "cases")
     _same_code(plan, jobs)
 
@@ -181,7 +181,7 @@ def ask_oracle(
 ) -> None:  # fmt: skip
     """Ask the oracle about each diagnosed case for which it is missing; errors as for :func:`diagnose_missing`."""
     ask = oracle or work.oracle_folder
-    jobs = [work.Asking(plan.target(c), c, work.rig_of(c, plan.rig), secrets[c.name], ask) for c in cases]
+    jobs = [work.AskOracle(plan.target(c), c, work.rig_of(c, plan.rig), secrets[c.name], ask) for c in cases]
     engine.complete(jobs, by, tell, "asking the oracle", "cases")
     _same_code(plan, jobs)
 

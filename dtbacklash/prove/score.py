@@ -14,14 +14,14 @@ from dtbacklash.config import commands
 from dtbacklash.prove import rules
 from dtbacklash.prove.name_scores import ELSEWHERE, FAMILIES, Cell, Reliability, confusion, family, reliability
 from dtbacklash.prove.rules import Case
-from dtbacklash.scoring.shares import Counted
+from dtbacklash.scoring.shares import Count
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise
 EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))
 
 
 @dataclass(frozen=True)
-class Share(Counted):
+class Share(Count):
     """A share: ``right`` of ``of``, and the range ``bar`` that it should lie in.
 
     every_right, every_of : the same over all cases, where ``right`` and ``of`` count clear cases only.
@@ -121,13 +121,11 @@ class Score:
         """The bins of one family; without one, those of all effects of the catalogue together."""
         if family is not None:
             return [b for b in self.bins if b.family == family]
-        found: dict[tuple[float, float], list[int]] = {}
+        found: dict[tuple[float, float], list[tuple[int, ...]]] = {}
         for b in self.bins:
             if b.family != UNKNOWN:
-                counts = found.get((b.low, b.high), [0] * 5)
-                more = b.of, b.exact, b.within, b.intervals, b.hold
-                found[(b.low, b.high)] = [x + y for x, y in zip(counts, more, strict=True)]
-        return [Bin("all", low, high, *counts) for (low, high), counts in sorted(found.items())]
+                found.setdefault((b.low, b.high), []).append((b.of, b.exact, b.within, b.intervals, b.hold))
+        return [Bin("all", *edges, *map(sum, zip(*counts, strict=True))) for edges, counts in sorted(found.items())]
 
     def by_kind(self) -> dict[tuple[str, str], tuple[int, int]]:
         """(hidden, named) -> (count, of those within the stated ambiguity), all places of a kind together.
@@ -182,7 +180,7 @@ def _number(value: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class _Tallied:
+class _Figure:
     """One figure: the kinds of case that it counts, its rule and bar, and which cases count (None: all of them)."""
 
     name: str
@@ -195,34 +193,35 @@ class _Tallied:
 
 #: the figures that count cases, with the bar of each
 BY_CASE = (
-    _Tallied("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
-    _Tallied("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
-    _Tallied("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
-    _Tallied("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
+    _Figure("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
+    _Figure("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
+    _Figure("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
+    _Figure("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.97, 1)),
-    _Tallied("said_with_certainty", "of the exactly right ones, said with certainty: missing, and sure or one of few",
+    _Figure("said_with_certainty", "of the exactly right ones, said with certainty: missing, and sure or one of few",
               ("single", "several"), rules.said_with_certainty, (0.95, 1),
               lambda case: case.diagnosis is None or rules.strict(case)),
-    _Tallied("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
-    _Tallied("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
-    _Tallied("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
+    _Figure("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
+    _Figure("called_consistent", "of these, called consistent", ("nothing",),
+              lambda case: case.verdict == "consistent", None, None),
+    _Figure("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
               (0.95, 1), None),
-    _Tallied("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
+    _Figure("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
               rules.unknown_admitted, (0.80, 1)),
-    _Tallied("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
+    _Figure("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.97, 1), rules.beaten),
-    _Tallied("no_false_name", "recordings of all kinds and sizes without a false name that is said with certainty",
+    _Figure("no_false_name", "recordings of all kinds and sizes without a false name that is said with certainty",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: the same of lifelike recordings
 LIFELIKE = (
-    _Tallied("main_named", "beside small things: each main effect named, or in the stated ambiguity",
+    _Figure("main_named", "beside small things: each main effect named, or in the stated ambiguity",
               ("single", "several"), rules.main_named, (0.90, 1)),
-    _Tallied("main_sure", "of these, said with certainty (sure, or one of few)", ("single", "several"),
+    _Figure("main_sure", "of these, said with certainty (sure, or one of few)", ("single", "several"),
               rules.main_sure, (0.85, 1), rules.main_named),
-    _Tallied("nothing_sure", "small things only, or with wrong parameters: no false name said with certainty",
+    _Figure("nothing_sure", "small things only, or with wrong parameters: no false name said with certainty",
               ("nothing", "parameters"), rules.no_false_name, (0.98, 1), None),
-    _Tallied("lifelike_no_false_name", "lifelike recordings of all kinds without a false name said with certainty",
+    _Figure("lifelike_no_false_name", "lifelike recordings of all kinds without a false name said with certainty",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: sure names that are right
@@ -265,18 +264,21 @@ def _all_figures(cases: Sequence[Case]) -> list[Share]:
 
 def _by_name(cases: Sequence[Case]) -> list[Share]:
     """The figures that count names, or parameters, of lifelike recordings."""
-    sure = sum(len(rules.sure(c)) for c in cases)
-    right = sum(len(rules.sure(c) & rules.right_names(c)) for c in cases)
+    right = [j in rules.right_names(c) for c in cases for j in rules.sure(c)]
     held = [held for c in cases for held in rules.effect_intervals(c)]
     return [
-        Share("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right, sure,
+        _share("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right,
                SURE_RIGHT),
-        Share("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth",
-               sum(held), len(held), COVERAGE_LIFELIKE),
+        _share("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth", held,
+               COVERAGE_LIFELIKE),
     ]  # fmt: skip
 
 
-def _by_case(declared: _Tallied, cases: Sequence[Case]) -> Share:
+def _share(name: str, what: str, right: Sequence[bool], bar: tuple[float, float] | None = None) -> Share:
+    return Share(name, what, sum(right), len(right), bar)
+
+
+def _by_case(declared: _Figure, cases: Sequence[Case]) -> Share:
     every = [c for c in cases if c.kind in declared.kinds]
     counted = [c for c in every if declared.clear is None or declared.clear(c)]
     right, every_right = (sum(map(declared.rule, chosen)) for chosen in (counted, every))
@@ -286,17 +288,14 @@ def _by_case(declared: _Tallied, cases: Sequence[Case]) -> Share:
 
 def _by_parameter(cases: Sequence[Case]) -> list[Share]:
     """The figures that count parameters."""
-    clear = sum(len(rules.clear_parameters(c)) for c in cases)
-    moved = sum(rules.right_parameters(c) for c in cases)
+    moved = [right for c in cases for right in rules.right_parameters(c)]
     effects = [held for c in cases for held in rules.effect_intervals(c)]
     nominal = [held for c in cases for held in rules.nominal_intervals(c)]
     return [
-        Share("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved, clear,
-               None),
-        Share("coverage_effects", "95 % intervals of rightly named effects that hold the truth", sum(effects),
-               len(effects), COVERAGE),
-        Share("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", sum(nominal),
-               len(nominal), COVERAGE),
+        _share("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved),
+        _share("coverage_effects", "95 % intervals of rightly named effects that hold the truth", effects, COVERAGE),
+        _share("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", nominal,
+               COVERAGE),
     ]  # fmt: skip
 
 
@@ -336,10 +335,10 @@ def bins(cases: Sequence[Case]) -> list[Bin]:
     """Per family and range of visibility, how many hidden effects were named; empty ranges are left out."""
     seen: list[tuple[str, float, bool, bool, list[bool]]] = []
     for case in cases:
-        there, paired = rules.exact(case), rules.matches(case)
+        exact, paired = case.matching.exact, case.matching.pairs
         for i, key in enumerate(case.hidden):
             part = family(case.kind_of(key[0]))
-            seen.append((part, case.visibility(key), i in there, i in paired, rules.intervals_of(case, i)))
+            seen.append((part, case.visibility(key), i in exact, i in paired, rules.intervals_of(case, i)))
         if case.kind == "unknown":
             admitted = rules.unknown_admitted(case)
             seen.append((UNKNOWN, case.unknown_visibility, admitted, admitted, []))

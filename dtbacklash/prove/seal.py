@@ -83,15 +83,16 @@ def seal_text(text: str, content: bytes, key: bytes, nonce: str | None = None) -
     nonce : a random number. None: it follows from text and key, and so does the whole seal, to the last bit.
     """
     known = {"secret": text, "recording_sha256": hashlib.sha256(content).hexdigest()}
-    fixed = _code(key, json.dumps(known).encode())
+    fixed = keyed_hash(key, json.dumps(known))
     plain = json.dumps({"nonce": nonce or fixed.hex(), **known}).encode()
     padded = plain.ljust(-(-len(plain) // PADDING) * PADDING)
     token = Fernet(key).encrypt(padded) if nonce else _fernet(padded, key, fixed[:16])
     return {"format": FORMAT, "sha256": commitment(nonce or fixed.hex(), text), "token": token.decode()}
 
 
-def _code(key: bytes, content: bytes) -> bytes:
-    return hmac.new(key, content, hashlib.sha256).digest()
+def keyed_hash(key: bytes, content: str | bytes) -> bytes:
+    """HMAC-SHA-256 of a text (as UTF-8) or of bytes: it tells nothing without the key (RFC 2104)."""
+    return hmac.digest(key, content.encode() if isinstance(content, str) else content, "sha256")
 
 
 def _fernet(plain: bytes, key: bytes, start: bytes) -> bytes:
@@ -101,7 +102,7 @@ def _fernet(plain: bytes, key: bytes, start: bytes) -> bytes:
     cipher = Cipher(AES(both[16:]), CBC(start)).encryptor()
     blocks = cipher.update(padder.update(plain) + padder.finalize()) + cipher.finalize()
     signed = b"\x80" + bytes(8) + start + blocks
-    return base64.urlsafe_b64encode(signed + _code(both[:16], signed))
+    return base64.urlsafe_b64encode(signed + keyed_hash(both[:16], signed))
 
 
 def commitment(nonce: str, text: str) -> str:

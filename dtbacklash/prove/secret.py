@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -11,6 +11,7 @@ from dtbacklash.config.commands import INSTRUMENTS, KINDS, MACHINES
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.simulator.given import Unlisted
+from dtbacklash.scoring.truth import UNLISTED, WRONG_PARAMETER, Key
 
 __all__ = ["INSTRUMENTS", "KINDS", "MACHINES", "Secret"]
 
@@ -95,3 +96,11 @@ def laws(things: Sequence[dict[str, Any]]) -> tuple[Unlisted, ...]:
     return tuple(
         Unlisted(**{k: v for k, v in thing.items() if k in known}) for thing in things if "effect" not in thing
     )
+
+
+def allowed_in(secret: Mapping[str, Any]) -> list[Key]:
+    """What is no false name, of a secret as a dict: wrong parameters, small things, and what names these rightly."""
+    found = [(name, WRONG_PARAMETER) for name in secret["parameters"]]
+    for thing in secret.get("beside", []):
+        found += [(thing["location"], thing.get("effect", UNLISTED)), *map(tuple, thing.get("akin", []))]
+    return found

@@ -74,7 +74,7 @@ def rig_of(folder: Path, chosen: str | None) -> str:
 
 
 @dataclass(frozen=True)
-class Concealing(Job):
+class ConcealCase(Job):
     """Make one concealed recording in the folder ``record``; for the attributes see :func:`.conceal.conceal`."""
 
     record: Path
@@ -96,7 +96,7 @@ class Concealing(Job):
 
 
 @dataclass(frozen=True)
-class Diagnosing(Job):
+class DiagnoseCase(Job):
     """Diagnose the case in ``folder`` into the file ``record``; a diagnosis that fails is a result, too."""
 
     record: Path
@@ -127,7 +127,7 @@ class Diagnosing(Job):
 
 
 @dataclass(frozen=True)
-class Asking(Job):
+class AskOracle(Job):
     """Add the oracle's answer about a case, or why it failed, to the file ``record``."""
 
     record: Path

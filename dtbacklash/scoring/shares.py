@@ -22,7 +22,7 @@ def wilson(right: int, of: int) -> tuple[float, float]:
     return (0.0 if right == 0 else middle - half), (1.0 if right == of else middle + half)
 
 
-class Counted:
+class Count:
     """Something of which ``right`` of ``of`` are right."""
 
     right: int

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from dtbacklash.arrays import Floats
-from dtbacklash.benchmark.files import nominal
+from dtbacklash.benchmark.files import nominal, text_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -80,4 +80,4 @@ def write(folder: Path, answers: Mapping[str, tuple[Case, Found]]) -> None:
     for number, (case, found) in answers.items():
         if found.predicted is not None:
             shown = {name: found.predicted[name] * case.columns[name] for name in case.said["predict"]}
-            pd.DataFrame(shown).to_csv(folder / f"{number}.csv", index=False, float_format="%.9g")
+            (folder / f"{number}.csv").write_text(text_of(pd.DataFrame(shown)), encoding="utf-8")

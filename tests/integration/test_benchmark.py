@@ -17,9 +17,9 @@ from dtbacklash import cli
 from dtbacklash.benchmark import plan
 from dtbacklash.benchmark.conceal import conceal
 from dtbacklash.benchmark.files import nominal, truth_of
-from dtbacklash.benchmark.judge import judge
 from dtbacklash.benchmark.machines import EQUATIONS, mjcf
 from dtbacklash.benchmark.make import write_case
+from dtbacklash.benchmark.score import score_folder
 from dtbacklash.physics.simulate import simulate
 
 MAIN = "import sys; from dtbacklash import cli; sys.exit(cli.main(sys.argv[1:]))"
@@ -60,7 +60,7 @@ def concealed(bench):
     """(folder, plan) of each case that hides something or nothing."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "MACHINES", ("pendulum",))
-        return [(bench / "cases" / one.number, one) for one in plan.planned(48613, 6, KEY)]
+        return [(bench / "cases" / one.number, one) for one in plan.plan_cases(48613, 6, KEY)]
 
 
 @pytest.mark.check
@@ -85,7 +85,7 @@ def test_each_kind_is_concealed_sealed_and_scored(bench, tmp_path):
     (tmp_path / "cases.txt").write_text(" ".join(t.case for t in truths))
     for t in truths:
         pd.DataFrame(t.test).to_csv(tmp_path / f"{t.case}.csv", index=False)
-    found = judge(tmp_path, bench, key, "all", "perfect")
+    found = score_folder(tmp_path, bench, key, "all", "perfect")
     assert found.problems == []
     named, false, size = (found.figure(name) for name in ("named", "false_names", "size"))
     assert (named.right, false.right, size.right) == (named.of, 0, size.of)
@@ -193,7 +193,7 @@ def test_a_mistake_is_one_line(words, said, capsys, tmp_path, monkeypatch):
 
 
 def test_the_published_plan_has_its_cases_of_each_kind():
-    every = plan.planned()
+    every = plan.plan_cases()
     assert len(every) == 120
     assert sum(one.split == "development" for one in every) == 30
     assert len({one.seed for one in every}) == 120

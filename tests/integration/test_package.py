@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from dtbacklash.benchmark.plan import VERSION
 from dtbacklash.version import __version__
 
 pytest.importorskip("hatchling", reason="the extra `dev`")
@@ -86,6 +87,10 @@ def test_citation_license_and_project_agree() -> None:
     assert cited["version"] == __version__
     assert cited["license"] == project["license"]
     assert cited["authors"] == project["authors"]
+    benchmark = next(one for one in cited["references"] if one["type"] == "data")
+    assert (benchmark["version"], benchmark["license"]) == (VERSION, project["license"])
+    page, _, anchor = benchmark["notes"].split()[-1].partition("#")
+    assert f"## {anchor.capitalize().replace('-', ' ')}\n" in (ROOT / page).read_text(encoding="utf-8")
     assert f"## [{__version__}] - {cited['date-released']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert project["authors"][0]["name"] in (ROOT / "LICENSE").read_text(encoding="utf-8")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dtbacklash.benchmark.score import SAID, Bin, Score
+from dtbacklash.benchmark.score import MIN_CERTAINTY, Bin, Score
 from dtbacklash.benchmark.score import Figure as Counted
 from dtbacklash.files import write_text
 from dtbacklash.report.components import style
@@ -19,8 +19,8 @@ from dtbacklash.report.components.page import SHARES, embedded, render
 
 HEADS = ("figure", "value#", "count#", "95 % interval#")
 RULES = [
-    f"A name counts as said if its certainty is at least {SAID:g}. It is right if place and effect are. A name of a "
-    "small thing that a lifelike machine has besides is neither right nor false.",
+    f"A name counts as said if its certainty is at least {MIN_CERTAINTY:g}. It is right if place and effect are. A name"
+    " of a small thing that a lifelike machine has besides is neither right nor false.",
     f"Intervals of shares are Wilson's ({SHARES}). The interval of a median is that of order statistics.",
     "A prediction's error is the rms over time and channels, each channel in units of the true machine's error. "
     "A case without a prediction counts as infinite.",

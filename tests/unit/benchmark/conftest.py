@@ -3,7 +3,7 @@
 import pytest
 
 from dtbacklash.benchmark.files import data_text
-from dtbacklash.benchmark.truth import Hidden, Truth
+from dtbacklash.scoring.truth import Hidden, Truth
 
 TEST = {"x": [0.0, 1.0, 2.0, 1.0]}
 TRUTHS = (

@@ -33,7 +33,7 @@ def test_columns_of_no_use_may_be_missing(answers):
     ("1,table,delay,,,,,1.2", "certainty 1.2 is not from 0 to 1"), ("1,table,delay,0,5,s,,,0,9", "more cells than"),
     ("1,table,delay,0,5,,,", "unit '5' is a number"), ('1,"table,delay,,,,,', "unexpected end of data"),
     (f"1,{'x' * 300},delay,,,,,", f"'{'x' * 40}' is not"), (f"{'8' * 300},table,delay", f"no case '{'8' * 40}'"),
-    ("2,table,lag,,,,,", "stands there twice"),
+    ("2,table,lag,,,,,", "is named twice"),
 ])  # fmt: skip
 def test_a_wrong_row_gets_one_line_and_the_others_count(answers, row, said):
     found = read(answers(f"{HEAD}2,table,lag,,,,,\n{row}\n3,spring,other,,,,,\n"), MACHINES, PLACES)

@@ -31,13 +31,13 @@ def made(tmp_path, monkeypatch):
 
 
 def test_the_published_plan_stays_as_it_is():
-    every = [tuple(vars(one).values()) for one in plan.planned()]
+    every = [tuple(vars(one).values()) for one in plan.plan_cases()]
     assert hashlib.sha256(repr(every).encode()).hexdigest().startswith("9cbb41a134a20369a71cc96b6130f4d594064306")
-    assert every == [tuple(vars(one).values()) for one in plan.planned(plan.SEED, 24, KEYS[0])]
+    assert every == [tuple(vars(one).values()) for one in plan.plan_cases(plan.SEED, 24, KEYS[0])]
 
 
 def test_a_seed_finds_no_other_case_without_its_key():
-    one, same, other = (plan.planned(40, None, KEYS[k]) for k in (0, 0, 1))
+    one, same, other = (plan.plan_cases(40, None, KEYS[k]) for k in (0, 0, 1))
     assert one == same
     assert not {c.seed for c in one} & {c.seed for c in other}
     assert min(c.seed for c in one) > 2**96  # too many to try
@@ -46,7 +46,7 @@ def test_a_seed_finds_no_other_case_without_its_key():
 
 @pytest.mark.parametrize("per_machine", range(1, 25))
 def test_a_small_benchmark_hides_physics_as_well(per_machine):
-    cases = [one for one in plan.planned(40, per_machine) if one.machine == "pendulum"]
+    cases = [one for one in plan.plan_cases(40, per_machine) if one.machine == "pendulum"]
     assert len(cases) == per_machine
     kinds = {one.kind for one in cases}
     assert len(kinds) == min(per_machine, len(plan.TURNS))

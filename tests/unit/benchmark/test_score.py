@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dtbacklash.benchmark import judge
-from dtbacklash.benchmark.score import error_ratio
+from dtbacklash.benchmark.files import truth_of
+from dtbacklash.benchmark.score import error_ratio, score_folder
 from dtbacklash.config.benchmark import ScoreConfig
 from dtbacklash.errors import UserError
 from dtbacklash.report.benchmark import page
@@ -19,7 +19,7 @@ RIGHT = [0.0, 1.1, 2.1, 1.1]
 @pytest.fixture
 def scored(bench, answers):
     """Scores a table of answers with predictions."""
-    return lambda text, **predictions: judge.judge(answers(HEAD + text, **predictions), bench, None, "all", "tool")
+    return lambda text, **predictions: score_folder(answers(HEAD + text, **predictions), bench, None, "all", "tool")
 
 
 def counts(score, *names):
@@ -68,21 +68,21 @@ def test_open_and_sealed_answers_are_counted_apart(bench, answers):
     answer.write_text(answer.read_text().replace("development", "scored"))
     folder = answers(HEAD + "1,table,viscous_friction,,,,,1\n")
     assert ScoreConfig().split == "scored"
-    assert judge.judge(folder, bench, None, "scored", "tool").cases == 1
-    every = judge.judge(folder, bench, None, "all", "tool")
+    assert score_folder(folder, bench, None, "scored", "tool").cases == 1
+    every = score_folder(folder, bench, None, "all", "tool")
     assert (every.figure("named", "development").right, every.figure("named", "scored").of) == (1, 0)
     (folder / "cases.txt").write_text("1\n")
     with pytest.raises(UserError, match="it has such of development"):
-        judge.judge(folder, bench, None, "scored", "tool")
+        score_folder(folder, bench, None, "scored", "tool")
 
 
 def test_a_real_recording_without_a_copy_counts_where_it_is_named(bench, answers):
     (bench / "cases" / "003" / "case.yaml").write_text('{"machine": "stage", "split": "real"}')
-    assert judge.judge(answers(HEAD), bench, None, "all", "tool").cases == 2
-    assert judge.judge(answers(HEAD + "3,spring,other,,,,,1\n"), bench, None, "all", "tool").cases == 3
+    assert score_folder(answers(HEAD), bench, None, "all", "tool").cases == 2
+    assert score_folder(answers(HEAD + "3,spring,other,,,,,1\n"), bench, None, "all", "tool").cases == 3
     folder = answers(HEAD)
     (folder / "cases.txt").write_text("1 3")
-    assert judge.judge(folder, bench, None, "real", "tool").cases == 1
+    assert score_folder(folder, bench, None, "real", "tool").cases == 1
 
 
 def test_a_size_that_is_off_and_an_interval_that_misses(scored):
@@ -98,7 +98,7 @@ def test_a_size_in_a_unit_of_another_kind_is_told(scored):
 
 
 def test_a_prediction_that_runs_away_is_a_large_number(bench):
-    truth = judge.files.truth_of(bench / "cases" / "001", None)
+    truth = truth_of(bench / "cases" / "001", None)
     assert error_ratio(truth, {"x": np.array([0.0, np.nan, 1e300, -np.inf])}) == pytest.approx(1e6 * np.sqrt(0.75))
     assert error_ratio(truth, None) == np.inf
     assert error_ratio(replace(truth, test={}), None) is None
@@ -120,9 +120,9 @@ def test_the_page_and_its_tables_say_the_same(scored, tmp_path):
 def test_sealed_answers_need_their_key(bench, answers):
     (bench / "cases" / "001" / "answer.json").unlink()
     with pytest.raises(UserError, match="is sealed"):
-        judge.judge(answers(HEAD), bench, None, "all", "tool")
+        score_folder(answers(HEAD), bench, None, "all", "tool")
 
 
 def test_what_is_no_benchmark_is_refused(tmp_path, answers):
     with pytest.raises(UserError, match="holds no case"):
-        judge.judge(answers(HEAD), tmp_path / "none", None, "all", "tool")
+        score_folder(answers(HEAD), tmp_path / "none", None, "all", "tool")

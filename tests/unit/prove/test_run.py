@@ -89,7 +89,7 @@ def test_what_is_done_is_not_done_again_and_a_missing_or_broken_file_is(plan):
     plan.target(cases[3]).write_text('{"id": "case3", "diag')
     run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
     assert asked(plan) == [2, 1, 1, 2]
-    seen = [work.Asking(plan.target(case), case, "", {}).done() for case in cases[:2]]
+    seen = [work.AskOracle(plan.target(case), case, "", {}).done() for case in cases[:2]]
     assert seen == [False, True]
 
 
@@ -113,7 +113,7 @@ def test_the_seals_stay_shut_until_every_case_is_diagnosed(plan, monkeypatch):
 def test_what_a_worker_died_of_is_a_failed_diagnosis(plan):
     """That it comes to this is the engine's affair: tests/unit/campaign/test_engine.py."""
     case = run.given_cases(plan)[1]
-    job = work.Diagnosing(plan.target(case), case, "lead_screw", diagnose)
+    job = work.DiagnoseCase(plan.target(case), case, "lead_screw", diagnose)
     job.died(None)
     assert job.done()
     assert (read_json(job.record)["error"], read_json(job.record)["diagnosis"]) == ("its worker died", None)
