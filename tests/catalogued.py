@@ -8,8 +8,8 @@ Key = tuple[str, str]
 #: kinds of a simulator's model, which this project's kernel does not move: their laws are those of rotor, carriage and
 #: amplifier, and tests/unit/diagnosis/engine/test_models.py has them
 OF_A_MODEL = ("turning_joint", "sliding_joint", "joint_drive")
-#: what another simulation of the same machine gives in closed form: tests/unit/physics/test_delays.py
-IN_CLOSED_FORM = (("sensor", "moving_average"),)
+#: what has a solution in closed form: tests/unit/physics/test_delays.py, tests/unit/physics/test_coasting.py
+IN_CLOSED_FORM = (("sensor", "moving_average"), *((kind, "coasting") for kind in ("rotor", "carriage", "mass")))
 
 
 def of_each_law_and_kind(keys: Iterable[Key]) -> list[Key]:

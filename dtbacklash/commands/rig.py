@@ -87,6 +87,8 @@ def check(words: Sequence[str]) -> list[str]:
     from dtbacklash.report.diagnosis.rig_drawing import chain
 
     rig = load_rig(words[0], *words[1:])
+    if not rig.sensors:
+        raise UserError("rig.sensors", "{}", "at least one, e.g. angle: {of: motor_rotor, quantity: position}")
     drawing = _drawn(rig, Path(words[0]).stem, out[0].removeprefix("out=")) if out else ""
     lines = [
         *(f"look at this: {doubt}" for doubt in doubts(rig)),

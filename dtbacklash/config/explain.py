@@ -129,7 +129,10 @@ def _composition(error: Exception, words: Sequence[str], grammar: Grammar) -> Us
     text = str(error)
     if "--multirun" in text:
         found = re.search(r"'([^'=]+)=(.*?)'(?:\n| requires|$)", text)
-        key, value = (found.group(1), found.group(2)) if found else ("argument", "...")
+        key, value = (found.group(1).lstrip("+"), found.group(2)) if found else ("argument", "...")
+        if re.fullmatch(r"[+-]?\d+,\d+( [^,]*)?", value):
+            point = value.replace(",", ".")
+            return UserError(key, value, f"write a decimal point ({point}); with -m a comma separates several values")
         return UserError(key, value, "takes one value here; give several with -m (a sweep)")
     quoted = re.search(r"'([^']+)'", text)
     name = quoted.group(1).lstrip("+~") if quoted else "config"

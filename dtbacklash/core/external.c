@@ -42,7 +42,7 @@ static void stride(const Model *M, int64_t first, int64_t many)
         set_zero(M->push, M->degrees);
     for (const Law *law = M->effort; law < M->effort + M->efforts; law++) {
         int64_t j = M->at[law->at];
-        M->push[j] += body_effort(law, (BodyEffort){M->q[j] + 0.5 * h * M->v[j], M->v[j], time});
+        M->push[j] += body_effort(law, (BodyEffort){M->q[j] + 0.5 * h * M->v[j], M->v[j], time, 0.0});
     }
     copy(M->still, M->friction, M->degrees);
     for (const Law *law = M->level; law < M->level + M->levels; law++) {

@@ -155,7 +155,8 @@ static void add_body_forces(const Plant *P, const double *x, double *w, double t
     int64_t efforts = place_of(P, BODY_EFFORT, 0);
 
     for (const Law *law = first_law(P, efforts); law < first_law(P, efforts + P->bodies); law++)
-        w[CH_F + law->at] += body_effort(law, (BodyEffort){position_of(P, x, law->at), velocity_of(P, x, law->at), t});
+        w[CH_F + law->at] +=
+            body_effort(law, (BodyEffort){position_of(P, x, law->at), velocity_of(P, x, law->at), t, w[CH_V]});
     for (int64_t i = 0; acts(P, BODY_MEMORY) && i < P->bodies; i++) {
         int64_t place = place_of(P, BODY_MEMORY, i);
         for (const Law *law = first_law(P, place); law < end_of_laws(P, place); law++)

@@ -91,6 +91,13 @@ double quadratic_drag(const BodyEffort *at, const double *p)
     return -coefficient * at->velocity * fabs(at->velocity);
 }
 
+/* Braking that a drive gives up as it lets a body coast: all of it without a command, none from one on. */
+double coasting(const BodyEffort *at, const double *p)
+{
+    double coefficient = p[0], driven_from = p[1], u = fabs(at->command);
+    return u < driven_from || u == 0.0 ? coefficient * at->velocity * (u == 0.0 ? 1.0 : 1.0 - u / driven_from) : 0.0;
+}
+
 /* A load that never changes. */
 double constant(const BodyEffort *at, const double *p)
 {

@@ -3,7 +3,7 @@
  * A struct has the name of its slot in physics/effects/slots.py, and the slot's states in their order. A law is
  * `double name(const Slot *at, const double *p)`; p : the parameters of its effect, in the order of the declaration.
  */
-typedef struct { double position, velocity, time; } BodyEffort;
+typedef struct { double position, velocity, time, command; } BodyEffort;
 typedef struct { double memory, position, velocity, time; } BodyMemory;
 typedef struct { double slip_speed, direction, load; } Contact;
 typedef struct { double stretch, stretch_rate, time, spring_stiffness, spring_damping; } SpringForce;

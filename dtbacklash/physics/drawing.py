@@ -147,7 +147,7 @@ def _wave(effect: Effect, state: str, effort: Callable[[Values, Values, Floats],
 def _body_effort(effect: Effect, slot: Any) -> Drawing:
     asked = _asks_for(effect, slot.law)
     state = next((s for s in ("position", "velocity") if s in asked), "time")
-    return _wave(effect, state, _along(effect, slot.law, state, position=0.0, velocity=0.0, time=0.0))
+    return _wave(effect, state, _along(effect, slot.law, state, position=0.0, velocity=0.0, time=0.0, command=0.0))
 
 
 def _damping(effect: Effect, slot: Any) -> Drawing:

@@ -91,5 +91,5 @@ def _states(rig: Rig, place: str, u: Floats, run: Response) -> dict[str, Floats]
             stretch = np.array([law(s, *own) for s in stretch])  # laws see what is left of it
         return {"stretch": stretch, "stretch_rate": v[b] - element.lever * v[a]}
     body = place if place in q else element.neighbours["drives"]
-    found = {"position": q[body], "velocity": v[body], "slip_speed": np.abs(v[body])}
+    found = {"position": q[body], "velocity": v[body], "slip_speed": np.abs(v[body]), "command": u}
     return found | {"current": x[:, 0]} if element.trait.trait == slots.WINDING else found

@@ -230,6 +230,9 @@ class Rig:
             return False
         if isinstance(effect.slot, slots.JointPlay):
             return location in self.geared
+        if _asks_for_command(effect):
+            drive = self.drive
+            return drive is not None and drive is not self.servo and drive.neighbours["drives"] == location
         if location in self.forceless and isinstance(effect.slot, (slots.BodyEffort, slots.BodyDamping, slots.Contact)):
             return False
         return not effect.of_units or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit in effect.of_units
@@ -305,7 +308,7 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
             key = f"rig.effects.{location}.{name}"
             effect = catalogue.find(kind, name, key)
             if not rig.suits(location, effect):
-                raise UserError(key, name, f"needs a sensor whose unit is {' or '.join(effect.of_units)}")
+                raise UserError(key, name, f"needs {_needs(effect)}")
             filled = effect.complete({**leaves, **_with_units(rig, location, effect, leaves, key)}, key)
             if effect.is_neutral(filled):
                 continue
@@ -314,6 +317,18 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
             if known:
                 tolerances.setdefault(location, {})[name] = known
     return replace(rig, effects=effects, tolerances=tolerances)
+
+
+def _asks_for_command(effect: Effect) -> bool:
+    """Whether an effect of a body depends on what its drive is given."""
+    return isinstance(effect.slot, slots.BodyEffort) and "command" in slots.asked(effect)
+
+
+def _needs(effect: Effect) -> str:
+    """What an effect needs that a place has not."""
+    if effect.of_units:
+        return f"a sensor whose unit is {' or '.join(effect.of_units)}"
+    return "a body that an actuator or a motor's winding drives" if _asks_for_command(effect) else "another place"
 
 
 def _with_units(rig: Rig, location: str, effect: Effect, leaves: Mapping[str, Any], key: str) -> dict[str, float]:

@@ -116,6 +116,11 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
         if not 0.0 < step < np.inf:
             raise UserError("recording.sample_time_s", step, "must be positive s")
         return timebase.constant_step(len(next(iter(picked.channels.values()))), step)
+    if picked.no_times:
+        raise Refused(
+            f"has no values in its time column {picked.no_times} (formulas that were never calculated?): fill it, or "
+            "give recording.sample_time_s=SECONDS"
+        )
     raise Refused(
         "has no time column: call it t [s], or name it in a mapping (time: COLUMN), or give "
         "recording.sample_time_s=SECONDS"

@@ -15,7 +15,7 @@ from pyarrow import csv as arrow_csv
 from dtbacklash import units
 from dtbacklash.recording import preamble, stamps
 from dtbacklash.recording.numerals import BLANKS, MISSING, Texts
-from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.refusal import NoTable, Refused
 
 NUMBER, STAMP, TEXT = "number", "stamp", "text"
 COMMENTS = ("#", "%", "//", "*", "!")
@@ -103,7 +103,7 @@ def find(whole: str) -> Layout:
         alone = len(full) <= 2 and any(
             sum(map(_is_number, fields_of(line, d))) > 1 for line in full for d in DELIMITERS
         )
-        raise Refused("holds one row of numbers" if alone else "holds no table of numbers with at least two columns")
+        raise NoTable("holds one row of numbers" if alone else "holds no table of numbers with at least two columns")
     delimiter, first, width = best[1]
     above = fields_of(lines[first - 1], delimiter) if first else []
     if any(above[width:]) and all(map(_is_number, filter(None, above))):  # no head, but a row of numbers

@@ -39,14 +39,15 @@ _HABITS = ((re.compile(r"q(\d*|[a-z])"), "m"), (re.compile(r"theta(_[a-z])?"), "
 class Picked:
     """Columns chosen as channels, in SI, before any check.
 
-    t_s : their times, or None. clocks : channel -> times of its own, s. sample_time_s : of a recording without times.
-    columns : channel -> what it was read from. units : channel -> SI unit. assumed : channel (and ``t``) -> the unit it
-    was read in and who says so, ``mm (declared by the rig)``.
+    t_s : their times, or None. no_times : a column of times without values, or empty. clocks : channel -> times of its
+    own, s. sample_time_s : of a recording without times. columns : channel -> what it was read from. units : channel ->
+    SI unit. assumed : channel (and ``t``) -> the unit it was read in and who says so, ``mm (declared by the rig)``.
     """
 
     t_s: Floats | None = None
     sample_time_s: float | None = None
     channels: dict[str, Floats] = field(default_factory=dict)
+    no_times: str = ""
     clocks: dict[str, Floats] = field(default_factory=dict)
     columns: dict[str, Channel] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
@@ -198,6 +199,7 @@ def pick(
     else:
         picked.sample_time_s, picked.notes = mapping.sample_time_s or step, list(mapping.notes)
         chosen = _by_mapping(table, names, mapping, picked)
+    picked.no_times = next((n for n, c in table.columns.items() if c.unusable == EMPTY and heads.is_time(n)), "")
     absent = [name for name in given if name not in chosen]
     if absent:
         allowed = f"no such column; {mapping.name if mapping else 'it'} has {', '.join(chosen)}"

@@ -7,3 +7,7 @@ CHANGE_MIN = 1e-50  # in SI; squares of less are lost
 
 class Refused(ValueError):
     """A recording that cannot be used; its text is one sentence. Becomes a UserError at the border."""
+
+
+class NoTable(Refused):
+    """One in which no table of numbers is."""

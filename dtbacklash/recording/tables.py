@@ -17,7 +17,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, stamps, text
-from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.refusal import NoTable, Refused
 from dtbacklash.recording.table import Column, Table, with_clocks
 
 if TYPE_CHECKING:
@@ -117,14 +117,23 @@ def _is_excel(content: bytes) -> bool:
 
 
 def _excel(content: bytes) -> Table:
-    """The first sheet, read as the text that it shows: heads, a line of units and remarks as in a CSV."""
+    """The first sheet with a table, as the text that it shows: heads, a line of units and remarks as in a CSV."""
     import pandas as pd
 
     try:
-        sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
+        book = pd.ExcelFile(io.BytesIO(content))
     except ImportError:
         raise Refused("is an Excel file, which needs openpyxl: pip install 'dtbacklash[excel]'") from None
-    return text.read(sheet.to_csv(sep="\t", header=False, index=False).encode(), decimal=".")
+    for number, name in enumerate(book.sheet_names):
+        sheet = pd.read_excel(book, sheet_name=name, header=None, dtype=object)
+        try:
+            table = text.read(sheet.to_csv(sep="\t", header=False, index=False).encode(), decimal=".")
+        except NoTable:
+            continue
+        if number:
+            table.notes.append(f"Sheet {name} is read: none before it holds a table of numbers.")
+        return table
+    raise NoTable("holds no table of numbers with at least two columns in any sheet")
 
 
 def _parquet(content: bytes) -> Table:

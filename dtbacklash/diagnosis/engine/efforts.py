@@ -106,8 +106,8 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
     if isinstance(slot, slots.BodyDamping):
         return -values[slot.coefficient] * states["speed"]
     if isinstance(slot, slots.BodyEffort):
-        at = {"position": states["position"], "velocity": states["speed"], "time": motion.time}
-        return _law_values(h.effect, values, **at)
+        at = {"position": states["position"], "velocity": states["speed"]}
+        return _law_values(h.effect, values, **at, time=motion.time, command=motion.command)
     if isinstance(slot, slots.SpringForce):
         spring = {name: element.values.get(name, 0.0) for name in ("stiffness", "damping")}
         return _law_values(

@@ -8,6 +8,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.inspect import samples
+from dtbacklash.diagnosis.inspect.clock import GAIN, clocks, set_right
 from dtbacklash.diagnosis.inspect.command import bridged, outliers
 from dtbacklash.diagnosis.inspect.sampling import MODE_SAMPLES_MIN, Carried, carried
 from dtbacklash.diagnosis.inspect.wiring import Rewiring, wiring
@@ -80,6 +81,7 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
         if name not in found.left_out:
             for wrong in WRONG:
                 _without(wrong, name, found)
+    _clocks(rig, found)
     wired = [wiring(rig, r) for r in found.records]
     _wiring_rows(found, [reversals for reversals, _ in wired])
     slowest = min((carried(rig, r) for r in found.records), key=lambda c: c.per_period)
@@ -290,6 +292,24 @@ def _without(wrong: Wrong, name: str, found: Inspected) -> None:
     elif found.fault is None:
         why = f"{wrong.known_by}, too often to leave that out"
         found.fault = Fault(SENSOR_PREFIX + name, said, why, wrong.mend.format(name=name))
+
+
+def _clocks(rig: Rig, found: Inspected) -> None:
+    """Take the readings of sensors whose log has a clock of its own at the times of the command."""
+    known = clocks(rig, found.records)
+    found.checks.append(_row(
+        "the sensors and u have one clock", max((c.gain for c, _ in known.values()), default=1.0), GAIN,
+        "how many times as coherent with the command what the drive moves is at another clock, the same one at low and "
+        "at high frequencies; readings are then taken at the times of the command's", COHERENCE,
+    ))  # fmt: skip
+    for number, (clock, names) in known.items():
+        if clock.gain > GAIN:
+            found.records = [set_right(r, names, clock.fast) if r.recording == number else r for r in found.records]
+            where = f" of recording {number + 1}" if len(known) > 1 else ""
+            found.notes.append(
+                f"The clock of {listed(list(names))}{where} is {100 * abs(clock.fast):.3g} % "
+                f"{'fast' if clock.fast > 0.0 else 'slow'} against that of u: set right."
+            )
 
 
 def _wiring_rows(found: Inspected, each: list[list[Reversal]]) -> None:

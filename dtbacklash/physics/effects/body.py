@@ -58,6 +58,18 @@ def quadratic_drag(velocity, coefficient):
     return -coefficient * velocity * abs(velocity)
 
 
+def coasting(velocity, command, coefficient, driven_from):
+    """Braking that a drive gives up as it lets a body coast: all of it without a command, none from one on.
+
+    A bridge that opens between its pulses lets no current brake then, by the motor's back EMF or by a short circuit: it
+    brakes for the share of the time in which it is closed, which grows with the command. One that opens at rest alone
+    has a ``driven_from`` of 0, which is the same as any up to the smallest command that is given.
+    """
+    if command == 0.0:
+        return coefficient * velocity
+    return coefficient * velocity * (1.0 - abs(command) / driven_from) if abs(command) < driven_from else 0.0
+
+
 def constant(effort):
     """A load that never changes."""
     return effort
@@ -107,6 +119,22 @@ def _difference_range(place: Place, sign: float) -> tuple[float, float]:
     return 0.5 * place.force_most / place.speed, 0.05 * place.force / place.speed
 
 
+def _coasting(kind: str, unit: str, typical: float) -> Effect:
+    without = "The drive lets the {location} coast: without a command it brakes it by {coefficient} less"
+    return Effect(
+        "coasting", kind,
+        (
+            Parameter("coefficient", unit, 0.0, HIGH, typical, 0.0, role=Role.SIZE),
+            Parameter("driven_from", "V", 0.0, 1e5, 0.0, 0.0),
+        ),
+        "coefficient v (1 - |u|/driven_from) where |u| < driven_from; coefficient v at u = 0; else 0",
+        BodyEffort(coasting), "mean back-EMF braking of an H-bridge that opens between its pulses (fast decay)",
+        without + ", from {driven_from} on as it always does.", sentence_without=(("driven_from", without + "."),),
+        conceal=_viscous_range, draws=_coasting_draws, starts=_coasting_starts,
+        visible=lambda place: {"driven_from": (0.0, 2.0 * _largest(place))},
+    )  # fmt: skip
+
+
 def _drag(kind: str, unit: str, typical: float) -> Effect:
     return Effect(
         "quadratic_drag", kind, (Parameter("coefficient", unit, 0.0, HIGH, typical, 0.0, role=Role.SIZE),),
@@ -146,6 +174,21 @@ def _share_of_drag(place: Place) -> list[Values]:
     return [{"size": 0.05 * place.force / place.speed**2}] if place.force > 0.0 and place.speed > 0.0 else [{}]
 
 
+def _largest(place: Place) -> float:
+    """The largest command, V."""
+    return float(np.abs(place.command).max(initial=0.0))
+
+
+def _coasting_draws(rng: Generator, place: Place) -> Values:
+    return {"driven_from": _largest(place) * float(rng.uniform(0.1, 1.0))}
+
+
+def _coasting_starts(place: Place) -> list[Values]:
+    """Drives that brake from a part of the largest command on; none where the command is always there."""
+    largest, base = _largest(place), _share_of_damping(place)[0]
+    return [{**base, "driven_from": share * largest} for share in (0.0, 0.1, 0.4, 1.0)] if largest > 0.0 else []
+
+
 def _stribeck_starts(place: Place) -> list[Values]:
     base = _share_of_force(place)[0]
     return [{**base, "speed": share * place.speed} for share in (0.02, 0.1, 0.4)] if place.speed > 0.0 else [base]
@@ -180,6 +223,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             conceal=_viscous_range, starts=_share_of_damping,
         ),
         _drag(kind, axis.drag_unit, size / 20),
+        _coasting(kind, axis.viscous_unit, size / 20),
         Effect(
             "asymmetric_friction", kind,
             (
@@ -283,16 +327,18 @@ _MASS = [
         conceal=_viscous_range, starts=_share_of_damping,
     ),
     _drag("mass", "N s^2/m^2", 100.0),
+    _coasting("mass", "N s/m", 1.0),
     ABSORBER,
 ]  # fmt: skip
 
 _CARRIAGE = _bearing(_LINEAR)
 _JOINTS = [replace(e, kind="turning_joint") for e in (*_bearing(_ROTARY), GRAVITY)]
 _JOINTS += [replace(e, kind="sliding_joint") for e in _CARRIAGE]
+_JOINTS = [e for e in _JOINTS if e.name != "coasting"]  # a simulator's model says what each of its drives exerts
 
 EFFECTS = [
     *_bearing(_ROTARY), GRAVITY, *_CARRIAGE, replace(ABSORBER, kind="carriage"), *_MASS,
     # a brake's dry friction is one of its parameters
-    *(replace(e, kind="brake") for e in _CARRIAGE if e.name not in ("coulomb_friction", "cogging")),
+    *(replace(e, kind="brake") for e in _CARRIAGE if e.name not in ("coulomb_friction", "cogging", "coasting")),
     *_JOINTS,
 ]  # fmt: skip

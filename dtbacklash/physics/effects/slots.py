@@ -97,10 +97,13 @@ class Slot:
 
 @dataclass(frozen=True)
 class BodyEffort(Slot):
-    """An effort on a single body: N on one that slides, N m on one that turns; positive along its motion."""
+    """An effort on a single body: N on one that slides, N m on one that turns; positive along its motion.
+
+    ``command`` : what its drive is given, V; only a body that an actuator or a motor's winding drives has one.
+    """
 
     law: Law
-    states: ClassVar = ("position", "velocity", "time")
+    states: ClassVar = ("position", "velocity", "time", "command")
     on: ClassVar = (BODY,)
 
 

@@ -117,7 +117,7 @@ def body_forces(P, x, w, t):
     for e in range(P.first[place], P.first[place + P.n_bodies]):
         i = P.law[e, 1]
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
-        w[pl.CH_F + i] += laws.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
+        w[pl.CH_F + i] += laws.body_effort(P.law[e, 0], q, v, t, w[pl.CH_V], P.law_p, e)
     place = P.slot[pl.BODY_MEMORY]
     for i in range(P.n_bodies):
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]

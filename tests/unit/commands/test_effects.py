@@ -58,7 +58,7 @@ def test_one_effect_in_detail(capsys):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("nothing",), "effects=nothing: choose one of absorber"),
+        (("zzz",), "effects=zzz: choose one of absorber"),
         (("coulomb",), "effects=coulomb: did you mean coulomb_friction? dtb effects lists all"),
         (("backlsh",), "effects=backlsh: did you mean backlash?"),
         (("gravity", "rig=emps"), "effects=gravity: choose one of"),

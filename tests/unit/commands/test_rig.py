@@ -96,6 +96,21 @@ def test_a_decimal_comma_is_told(written, meant, tmp_path, monkeypatch, capsys):
     assert f"holds a decimal comma in 'value: {written}' (line 3); write {meant}" in line
 
 
+@pytest.mark.parametrize(("value", "meant"), [("0,03", "0.03"), ("-1,5", "-1.5"), ("0,03 N m", "0.03 N m")])
+def test_a_decimal_comma_in_an_override_is_told(value, meant, capsys):
+    key = "rig.effects.disk.coulomb_friction.torque"
+    line = refusal(capsys, "rig", "check", "pendulum", f"{key}={value}")
+    assert line.startswith(f"{key}={value}: write a decimal point ({meant})")
+
+
+def test_a_rig_without_sensors_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["rig", "new", "drive", "mine.yaml"]) == 0
+    file = tmp_path / "mine.yaml"
+    file.write_text(file.read_text().partition("\nsensors:")[0])
+    assert refusal(capsys, "rig", "check", "mine.yaml").startswith("rig.sensors={}: at least one")
+
+
 @pytest.mark.parametrize(("words", "said"), [
     (["check", "lead_screw", "out="], "out=(empty): give a folder"),
     (["check", "lead_screw", "out=a", "out=b"], "out=b: is given twice"),

@@ -110,5 +110,5 @@ def test_a_function_of_python_is_refused_and_what_is_allowed_told():
 
 
 def test_a_formula_that_is_none_is_refused_in_the_name_of_the_effect():
-    with refused("effect mine.law=w: states position (q), velocity (v), time (t); parameters a, b"):
+    with refused("effect mine.law=w: states position (q), velocity (v), time (t), command (u); parameters a, b"):
         effect("mine", BodyEffort("a*sin(w)"))

@@ -20,7 +20,8 @@ SHARE = 2e-3
 PLACES = {"gear": "gear", "screw": "screw", "link": "link_1", "mass": "mass_2"}
 EFFECTS = [
     (PLACES[kind], name) for kind, name in CATALOGUE
-    if kind in PLACES and name not in ("load_reaction", "load_friction") and not CATALOGUE[kind, name].is_table
+    if kind in PLACES and not CATALOGUE[kind, name].is_table
+    and name not in ("load_reaction", "load_friction", "coasting")
 ]  # fmt: skip
 # and behind another link
 EFFECTS += [("link_2", "backlash"), ("mass_3", "ground_friction")]

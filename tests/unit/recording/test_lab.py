@@ -62,6 +62,31 @@ def test_an_excel_file(tmp_path):
     assert np.allclose(found.channels["x"], 1e-3 * X)
 
 
+@pytest.mark.parametrize("before", [{}, {"Bench": ["3", "operator: X"]}], ids=["an empty sheet", "a cover"])
+def test_the_first_sheet_with_a_table_is_read_and_said(before, tmp_path):
+    pytest.importorskip("openpyxl")
+    with pd.ExcelWriter(tmp_path / "a.xlsx") as book:
+        pd.DataFrame(before).to_excel(book, sheet_name="Cover", index=False)
+        pd.DataFrame({"t [ms]": K, "u": U, "x [mm]": X}).to_excel(book, sheet_name="Log", index=False)
+        pd.DataFrame({"t [ms]": K, "u": 0.0 * U, "x [mm]": X}).to_excel(book, sheet_name="Later", index=False)
+    found = read_recording(tmp_path / "a.xlsx")
+    assert np.allclose(found.channels["u"], U)
+    assert "Sheet Log is read: none before it holds a table of numbers." in found.notes
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xlsx"])
+def test_a_time_column_without_values_is_told_and_a_sample_time_does(suffix, tmp_path):
+    frame, file = pd.DataFrame({"Zeit": np.full(N, np.nan), "u": U, "x [mm]": X}), tmp_path / f"a.{suffix}"
+    if suffix == "xlsx":
+        pytest.importorskip("openpyxl")
+        frame.to_excel(file, index=False)
+    else:
+        frame.to_csv(file, index=False)
+    with pytest.raises(UserError, match=r"has no values in its time column Zeit .* recording\.sample_time_s=SECONDS"):
+        read_recording(file)
+    assert read_recording(file, sample_time_s=0.002).sample_time_s == 0.002
+
+
 def test_the_sample_time_may_be_given(tmp_path):
     pd.DataFrame({"u": U, "x [mm]": X}).to_csv(tmp_path / "a.csv", index=False)
     assert read_recording(tmp_path / "a.csv", sample_time_s=0.002).sample_time_s == 0.002
