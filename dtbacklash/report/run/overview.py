@@ -23,7 +23,17 @@ from dtbacklash.report.components.panels import (
     response_panel,
     voltage_panel,
 )
-from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above, letter, new_figure, panels, styled
+from dtbacklash.report.components.style import (
+    COLOUR,
+    MUTED,
+    colour_bar,
+    envelope,
+    legend_above,
+    letter,
+    new_figure,
+    panels,
+    styled,
+)
 
 # dark to light without the palest end: a thin line must be seen on white, and the order in grey print too
 GAP_MAP = LinearSegmentedColormap.from_list("gap", ["#14365d", "#0072b2", "#3fa7a0", "#e0a100", "#d55e00"])
@@ -142,7 +152,7 @@ def moves_overlay(trace: pd.DataFrame, moves: pd.DataFrame, band: float = 0.01) 
     letter([left, right], ["every move, from 0 to 1", "close to the target"])
     legend_above(right)
     if max(gaps) > min(gaps):
-        figure.colorbar(ScalarMappable(scale, GAP_MAP), ax=right, label="gap at the move [deg]", pad=0.02)
+        colour_bar(ScalarMappable(scale, GAP_MAP), right, "gap at the move [deg]")
     return figure
 
 
