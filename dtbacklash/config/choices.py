@@ -22,10 +22,7 @@ TRIGGERS = {
     "reference_change": "after each change of the reference",
     "novelty": "whenever the novelty index exceeds {novelty_threshold_mm} mm",
 }
-PREFILTERS = {
-    "reduced": "prefilter with a time constant of {tau_r_s} s",
-    "none": "no dynamical prefilter",
-}
+PREFILTERS = {"reduced": "prefilter with a time constant of {tau_r_s} s", "none": "no dynamical prefilter"}
 INTERNAL_MODELS = {
     "auto": "a complete model of the inner loop, with an inverse of the backlash where one is in the model",
     "bare": "the internal model is driven by the voltage (the paper's form)",
@@ -39,10 +36,7 @@ CROSSINGS = {
     "trajectory sets out the motor has crossed it",
     "run": "the reference goes on while the motor crosses the gap",
 }
-BELIEFS = {
-    "model": "the rig of `model=`",
-    "nominal": "the rig's own parameters, without effects",
-}
+BELIEFS = {"model": "the rig of `model=`", "nominal": "the rig's own parameters, without effects"}
 TWIN_METHODS = {
     "auto": "simulate where the model has effects behind the gear, else linear",
     "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
@@ -61,10 +55,7 @@ INDEXES = {
     "motor": "the torque that the motor's model does not explain, rms: the motor",
     "structure": "the output error of the structure's observer with the gap in force, rms: the gap or the structure",
 }
-TASKS = {
-    "run": "one run",
-    "close_the_loop": "record, diagnose, and run with what was found",
-}
+TASKS = {"run": "one run", "close_the_loop": "record, diagnose, and run with what was found"}
 #: what the command of a recording does between two samples
 COMMANDS = {
     "held": "each value holds until the next sample, as a controller's does",
@@ -102,10 +93,7 @@ REFERENCES = {
     "trajectory": "moves of least jerk between ±{amplitude_mm} {unit}, {move_s} s each, or a file's points",
     "csv": "read from {path}",
 }
-INTERPOLATIONS = {
-    "hold": "each value holds until the next",
-    "linear": "straight between its rows",
-}
+INTERPOLATIONS = {"hold": "each value holds until the next", "linear": "straight between its rows"}
 NOVELTY_FILTERS = {
     "ellip": "third-order elliptic low-pass, 3 dB at half the dominant mode's frequency and 40 dB at it (the paper's)",
     "cheby2": "third-order Chebyshev II low-pass, 40 dB from the dominant mode's frequency on",

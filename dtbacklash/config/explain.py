@@ -6,19 +6,9 @@ import re
 from collections.abc import Sequence
 
 import yaml
-from hydra.errors import (
-    ConfigCompositionException,
-    HydraException,
-    MissingConfigException,
-    OverrideParseException,
-)
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException, OverrideParseException
 from hydra.plugins.config_source import ConfigLoadError
-from omegaconf.errors import (
-    ConfigAttributeError,
-    ConfigKeyError,
-    OmegaConfBaseException,
-    ValidationError,
-)
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from dtbacklash.config.grammar import FOLDER_WORD, RUN, RUN_FOLDER, SWEEP_FOLDER, Grammar, kind_of, unknown_key
 from dtbacklash.config.groups import RIGS
