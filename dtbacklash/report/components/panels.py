@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above, line_up
+from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above
 
 
 def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:
@@ -18,7 +18,6 @@ def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:
     axes[-1].set_xlabel("time [s]")
     for ax in axes:
         ax.margins(y=0.08)
-    line_up(axes)
 
 
 def response_panel(ax: Axes, trace: pd.DataFrame) -> None:

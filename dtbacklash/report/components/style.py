@@ -83,85 +83,81 @@ def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes
 class Layout(LayoutEngine):
     """Room for what stands about the axes, measured once; matplotlib's constrained layout measures it four times.
 
-    The axes of a figure stand in one grid. Legends of the figure get room above or below it.
+    The axes of a figure stand in one grid; y labels of a column in one line. Legends of the figure get room above or
+    below it. bars : axes -> their colour bar, and its height as a share of theirs.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._adjust_compatible, self._colorbar_gridspec = False, False
-        self._lines: list[Sequence[Axes]] = []
-        self._bars: dict[Axes, tuple[Axes, float]] = {}
-
-    def line_up(self, axes: Sequence[Axes]) -> None:
-        """Put the y labels of panels, one below the other, into one line."""
-        self._lines.append(axes)
-
-    def add_bar(self, axes: Axes, bar: Axes, shrink: float) -> None:
-        """Place a colour bar beside its axes; shrink: its height as a share of theirs."""
-        self._bars[axes] = bar, shrink
+        self.bars: dict[Axes, tuple[Axes, float]] = {}
+        self._labels_aligned = False
 
     def execute(self, fig: Figure) -> None:
-        """Lay out; the labels are lined up once."""
+        """Put the axes into their places."""
         canvas = fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         renderer = canvas.get_renderer()
-        placed = [(ax, spec) for ax in fig.axes if (spec := ax.get_subplotspec()) is not None]
+        placed = {ax: spec for ax in fig.axes if (spec := ax.get_subplotspec()) is not None}
         if not placed:
             return
         for axis in (axis for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) if not axis.label.get_text()):
             axis.set_label_coords(0.0, 0.0)  # no label: matplotlib need not look for its place
-        grid, pad = placed[0][1].get_gridspec(), PAD * fig.dpi
+        grid, pad = next(iter(placed.values())).get_gridspec(), PAD * fig.dpi
         (left, right), (top, bottom) = (np.full((2, n), pad) for n in (grid.ncols, grid.nrows))
-        for ax, spec in placed:
+        for ax, spec in placed.items():
             tight, rows, columns = ax.get_tightbbox(renderer, for_layout_only=True), spec.rowspan, spec.colspan
             assert tight is not None
-            _widen(left, columns.start, ax.bbox.x0 - tight.x0 + pad)
-            _widen(right, columns.stop - 1, tight.x1 - ax.bbox.x1 + pad + self._bar_room(ax, renderer))
-            _widen(bottom, rows.stop - 1, ax.bbox.y0 - tight.y0 + pad)
-            _widen(top, rows.start, tight.y1 - ax.bbox.y1 + pad)
+            for margins, at, room in (
+                (left, columns.start, ax.bbox.x0 - tight.x0),
+                (right, columns.stop - 1, tight.x1 - ax.bbox.x1 + self._bar_room(ax, renderer)),
+                (bottom, rows.stop - 1, ax.bbox.y0 - tight.y0), (top, rows.start, tight.y1 - ax.bbox.y1),
+            ):  # fmt: skip
+                margins[at] = max(margins[at], room + pad)
         for legend in fig.legends:
             box = legend.get_window_extent(renderer)
             (top if box.y0 + box.y1 > fig.bbox.height else bottom[::-1])[0] += box.height + 2.0 * pad
         x0, x1 = _cells(left, right, fig.bbox.width, grid.get_width_ratios())
         y1, y0 = (fig.bbox.height - edge for edge in _cells(top, bottom, fig.bbox.height, grid.get_height_ratios()))
-        for ax, spec in placed:
+        for ax, spec in placed.items():
             rows, columns = spec.rowspan, spec.colspan
-            corners = (x0[columns.start], y0[rows.stop - 1]), (x1[columns.stop - 1], y1[rows.start])
-            self._put(ax, Bbox(corners), fig)
-        self._line_up(renderer)
+            box = Bbox([(x0[columns.start], y0[rows.stop - 1]), (x1[columns.stop - 1], y1[rows.start])])
+            _put(ax, box)
+            if ax in self.bars:
+                bar, share = self.bars[ax]
+                x, half = box.x1 + 2.0 * pad, 0.5 * share * box.height
+                middle = 0.5 * (box.y0 + box.y1)
+                _put(bar, Bbox([(x, middle - half), (x + BAR * fig.dpi, middle + half)]))
+        for column in range(0 if self._labels_aligned else grid.ncols):
+            labelled = [ax for ax, s in placed.items() if s.colspan.start == column and ax.yaxis.label.get_text()]
+            _align_labels(labelled, renderer)
+        self._labels_aligned = True
 
     def _bar_room(self, ax: Axes, renderer: RendererBase) -> float:
         """How wide the colour bar of these axes is with its labels, pixels; 0 without one."""
-        if ax not in self._bars:
+        if ax not in self.bars:
             return 0.0
-        bar = self._bars[ax][0]
+        bar = self.bars[ax][0]
         tight = bar.get_tightbbox(renderer, for_layout_only=True)
         assert tight is not None
-        return float(tight.x1 - bar.bbox.x1 + (BAR + 2.0 * PAD) * bar.figure.dpi)
-
-    def _put(self, ax: Axes, box: Bbox, fig: Figure) -> None:
-        """Put axes into a box, pixels, and their colour bar beside it."""
-        into = fig.transFigure.inverted()
-        ax.set_position(into.transform_bbox(box))
-        ax.set_in_layout(True)
-        if ax in self._bars:
-            bar, shrink = self._bars[ax]
-            x, middle, half = box.x1 + 2.0 * PAD * fig.dpi, 0.5 * (box.y0 + box.y1), 0.5 * shrink * box.height
-            bar.set_position(into.transform_bbox(Bbox(((x, middle - half), (x + BAR * fig.dpi, middle + half)))))
-            bar.set_in_layout(True)
-
-    def _line_up(self, renderer: RendererBase) -> None:
-        for axes in self._lines:
-            for ax in axes:
-                ax.yaxis.get_tightbbox(renderer)  # puts its label beside its own ticks
-            left = min(ax.yaxis.label.get_position()[0] for ax in axes)
-            for ax in axes:
-                ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
-        self._lines.clear()
+        return float(tight.x1 - bar.bbox.x1 + (BAR + 2.0 * PAD) * ax.figure.dpi)
 
 
-def _widen(margins: NDArray[np.float64], at: int, room: float) -> None:
-    margins[at] = max(margins[at], room)
+def _put(ax: Axes, box: Bbox) -> None:
+    """Put axes into a box, pixels."""
+    ax.set_position(ax.figure.transFigure.inverted().transform_bbox(box))
+    ax.set_in_layout(True)  # set_position takes them out
+
+
+def _align_labels(axes: list[Axes], renderer: RendererBase) -> None:
+    """Put the y labels of a column into one line, where there are several."""
+    if len(axes) < 2:
+        return
+    for ax in axes:
+        ax.yaxis.get_tightbbox(renderer)  # puts its label beside its own ticks
+    left = min(ax.yaxis.label.get_position()[0] for ax in axes)
+    for ax in axes:
+        ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
 
 
 def _cells(
@@ -173,23 +169,13 @@ def _cells(
     return begins, begins + sizes
 
 
-def line_up(axes: Sequence[Axes]) -> None:
-    """Put the y labels of a figure's panels, one below the other, into one line."""
-    _layout_of(axes[0]).line_up(axes)
-
-
-def _layout_of(ax: Axes) -> Layout:
-    layout = ax.figure.get_layout_engine()
-    assert isinstance(layout, Layout)
-    return layout
-
-
 def colour_bar(mappable: ScalarMappable, ax: Axes, label: str, shrink: float = 1.0) -> Colorbar:
     """A colour bar at the right of its axes. shrink: its height as a share of theirs."""
     figure = ax.get_figure(root=True)
     assert figure is not None
-    bar = figure.add_axes((0.9, 0.2, 0.02, 0.6))
-    _layout_of(ax).add_bar(ax, bar, shrink)
+    layout, bar = figure.get_layout_engine(), figure.add_axes((0.9, 0.2, 0.02, 0.6))
+    assert isinstance(layout, Layout)
+    layout.bars[ax] = bar, shrink
     return figure.colorbar(mappable, cax=bar, label=label)
 
 
