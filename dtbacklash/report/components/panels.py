@@ -93,7 +93,7 @@ def novelty_panel(ax: Axes, trace: pd.DataFrame, estimates: pd.DataFrame | None,
     ax.plot(*envelope(trace["t_s"], novelty), color=COLOUR["novelty"], lw=1.3, label="index")
     if estimates is not None and len(estimates):
         ceiling = 1.1 * max(float(novelty.max()), threshold_mm)
-        at, look = np.full(len(estimates), ceiling), {"color": COLOUR["gap_hat"], "ms": 8, "mec": "white"}
-        ax.plot(estimates["t_event_s"], at, "v", label="event", clip_on=False, **look)
+        at, color = np.full(len(estimates), ceiling), COLOUR["gap_hat"]
+        ax.plot(estimates["t_event_s"], at, "v", color=color, ms=8, mec="white", label="event", clip_on=False)
     ax.set_ylabel("index [mm]")
     legend_above(ax)

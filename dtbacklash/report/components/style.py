@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -21,6 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import LayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from matplotlib.transforms import Bbox
@@ -47,6 +48,8 @@ MARKERS = ["o", "s", "D", "^", "v", "P", "X", "*"]
 WIDTH = 9.0  # inch
 #: room about axes with their labels, and the width of a colour bar, inch
 PAD, BAR = 0.06, 0.15
+#: axes whose size changes by less than this share keep their ticks
+ALIKE = 0.25
 #: an axis shows at least this factor
 SPAN = 15.0
 #: from this many decades on only whole decades are labelled, and at most this many labels in all
@@ -103,6 +106,16 @@ class Layout(LayoutEngine):
             return
         for axis in (axis for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) if not axis.label.get_text()):
             axis.set_label_coords(0.0, 0.0)  # no label: matplotlib need not look for its place
+        before = np.array([ax.bbox.size for ax in placed])
+        self._place(fig, placed, renderer)
+        if not np.allclose(before, [ax.bbox.size for ax in placed], rtol=ALIKE):  # they may have other ticks now
+            self._place(fig, placed, renderer)
+        for column in range(0 if self._labels_aligned else next(iter(placed.values())).get_gridspec().ncols):
+            labelled = [ax for ax, s in placed.items() if s.colspan.start == column and ax.yaxis.label.get_text()]
+            _align_labels(labelled, renderer)
+        self._labels_aligned = True
+
+    def _place(self, fig: Figure, placed: dict[Axes, SubplotSpec], renderer: RendererBase) -> None:
         grid, pad = next(iter(placed.values())).get_gridspec(), PAD * fig.dpi
         (left, right), (top, bottom) = (np.full((2, n), pad) for n in (grid.ncols, grid.nrows))
         for ax, spec in placed.items():
@@ -128,10 +141,6 @@ class Layout(LayoutEngine):
                 x, half = box.x1 + 2.0 * pad, 0.5 * share * box.height
                 middle = 0.5 * (box.y0 + box.y1)
                 _put(bar, Bbox([(x, middle - half), (x + BAR * fig.dpi, middle + half)]))
-        for column in range(0 if self._labels_aligned else grid.ncols):
-            labelled = [ax for ax, s in placed.items() if s.colspan.start == column and ax.yaxis.label.get_text()]
-            _align_labels(labelled, renderer)
-        self._labels_aligned = True
 
     def _bar_room(self, ax: Axes, renderer: RendererBase) -> float:
         """How wide the colour bar of these axes is with its labels, pixels; 0 without one."""
@@ -161,7 +170,7 @@ def _align_labels(axes: list[Axes], renderer: RendererBase) -> None:
 
 
 def _cells(
-    before: NDArray[np.float64], after: NDArray[np.float64], length: float, ratios: Sequence[float]
+    before: NDArray[np.float64], after: NDArray[np.float64], length: float, ratios: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where the cells of a grid begin and end, pixels, with these margins before and after each."""
     sizes = max(length - before.sum() - after.sum(), 1.0) * np.asarray(ratios) / np.sum(ratios)
