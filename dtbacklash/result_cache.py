@@ -44,5 +44,8 @@ def kept(make: Callable[..., Result], *arguments: object) -> Result:
 def _state(module: str) -> tuple[str, ...]:
     """The code and the libraries that decide what a function of ``module`` gives beside its arguments."""
     drawn = module.startswith("dtbacklash.report.")
-    versions = (importlib.metadata.version(name) for name in ("control", "numpy", "scipy", *["matplotlib"] * drawn))
+    versions = map(_version, ("control", "numpy", "scipy", *["matplotlib"] * drawn))
     return (source_hash.digest((module, "result_cache.py", *["report/components/house.mplstyle"] * drawn)), *versions)
+
+
+_version = cache(importlib.metadata.version)

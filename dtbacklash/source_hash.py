@@ -33,9 +33,17 @@ def imported(module: str) -> list[Path]:
         files[file] = None
         files |= dict.fromkeys(c for kind in C_SOURCES if path.is_dir() for c in path.glob(kind))
         names.append(name.rpartition(".")[0])  # a package's own code runs before that of its modules
-        for source, inside, alone in IMPORT.findall(FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
-            names += [source or alone, *(f"{source}.{one}" for one in re.findall(r"\w+", inside))]
+        names += _names(file)
     return sorted(files)
+
+
+@cache
+def _names(file: Path) -> list[str]:
+    """The names that a file imports from the package: modules, and what may be one."""
+    names: list[str] = []
+    for source, inside, alone in IMPORT.findall(FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
+        names += [source or alone, *(f"{source}.{one}" for one in re.findall(r"\w+", inside))]
+    return names
 
 
 @cache

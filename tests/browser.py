@@ -38,6 +38,8 @@ function overlaps(doc) {
 function wider(doc, width) {
   return [...doc.body.querySelectorAll("*")].filter(e => {
     const r = e.getBoundingClientRect();
+    for (let box = e.parentElement; box; box = box.parentElement)
+      if (getComputedStyle(box).overflowX === "auto") return false;  // it scrolls within the page
     return e.checkVisibility() && r.width > 0 && (r.right > width + 1 || r.left < -1);
   }).map(e => e.tagName + " " + e.textContent.trim().slice(0, 40));
 }

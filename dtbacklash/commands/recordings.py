@@ -74,11 +74,7 @@ def _list() -> None:
         if mapping.parts:
             parts = ", ".join(f"recording={mapping.name}:{part}" for part in mapping.parts)
             console.print(f"  parts    {escape(parts)}", soft_wrap=True)
-        for label, value in (
-            ("licence", mapping.licence),
-            ("cite", mapping.citation),
-            ("page", mapping.page),
-        ):
+        for label, value in (("licence", mapping.licence), ("cite", mapping.citation), ("page", mapping.page)):
             console.print(f"  {label:<8} {escape(value or '-')}", soft_wrap=True)
         console.print()
 

@@ -121,8 +121,7 @@ class RigConfig:
         dict, "element -> effect -> parameter -> value, or {value, tolerance} as above; see effects.md", unit="SI"
     )
     sensors: dict[str, Any] = setting(
-        dict,
-        "name -> of (element), quantity, recorded_in (unit of its column; SI), absolute (false); see below",
+        dict, "name -> of (element), quantity, recorded_in (unit of its column; SI), absolute (false); see below"
     )
     laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
     model: str = setting("", "path of a simulator's model (MJCF, FMU) whose joints are the elements; see simulators.md")

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from dtbacklash.control.chain import (
     Array,
@@ -94,8 +94,8 @@ def balanced_reduction(system: control.StateSpace, order: int) -> control.StateS
     import control
 
     a, b, c = system.A, system.B, system.C
-    roots = [_psd_root(linalg.solve_continuous_lyapunov(x, -y @ y.T)) for x, y in ((a, b), (a.T, c.T))]
-    u, hankel, vt = linalg.svd(roots[1].T @ roots[0])
+    roots = [_psd_root(scipy.linalg.solve_continuous_lyapunov(x, -y @ y.T)) for x, y in ((a, b), (a.T, c.T))]
+    u, hankel, vt = scipy.linalg.svd(roots[1].T @ roots[0])
     rank = int(np.sum(hankel > HANKEL_FLOOR * hankel[0]))
     scale = 1.0 / np.sqrt(hankel[:rank])
     right = roots[0] @ vt[:rank].T * scale
@@ -108,7 +108,7 @@ def balanced_reduction(system: control.StateSpace, order: int) -> control.StateS
 
 def _psd_root(gramian: Array) -> Array:
     """A square root X with X X^T = gramian, also where rounding made the Gramian slightly indefinite."""
-    values, vectors = linalg.eigh(0.5 * (gramian + gramian.T))
+    values, vectors = scipy.linalg.eigh(0.5 * (gramian + gramian.T))
     return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 

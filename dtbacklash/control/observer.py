@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from dtbacklash.control.chain import Array, MotorParameters, StructureParameters, motor_ss, structure_ss
 
@@ -40,7 +40,7 @@ def plant(motor: MotorParameters, structure: StructureParameters, sample_time_s:
     b[:n] = np.asarray(first.B)[:, 0]
     wide = np.zeros((n + m + 1, n + m + 1))
     wide[:-1, :-1], wide[:-1, -1] = a, b
-    held = linalg.expm(sample_time_s * wide)
+    held = scipy.linalg.expm(sample_time_s * wide)
     c = np.zeros((2, n + m))
     c[0, :n], c[1, n:] = angle[0], np.asarray(second.C)[0]
     return held[:-1, :-1], held[:-1, -1], c

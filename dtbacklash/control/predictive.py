@@ -17,7 +17,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from dtbacklash.control.chain import Array, MotorParameters, StructureParameters
 from dtbacklash.control.linear_law import LinearLaw
@@ -76,5 +76,5 @@ def mpc_law(
     law_b = np.zeros((n + 3, 3))
     law_b[:-1, 1:], law_b[-1, 0] = seen.L, 1.0 - kept
     first = -np.linalg.solve(plan.H, f)[0]
-    law_a = block_diag(seen.A - seen.L @ seen.C, np.array([[kept]]))
+    law_a = scipy.linalg.block_diag(seen.A - seen.L @ seen.C, np.array([[kept]]))
     return LinearLaw(law_a, law_b, first, np.zeros(3), np.append(seen.B, 0.0), plan.H, f)

@@ -11,8 +11,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize
-from scipy.linalg import block_diag
+import scipy
 
 from dtbacklash.control.chain import Array, MotorParameters, StructureParameters, dominant_frequency
 from dtbacklash.control.design import ControllerDesign, SampledModel, prefilter, sampled
@@ -70,7 +69,7 @@ def pid_law(design: ControllerDesign, motor: MotorParameters, structure: Structu
     direct, slow, fast, kept = pid_parts(design, system, 1.0 / structure.static_gain_m_per_rad)
     n = ahead.C.size
     error = np.append(np.zeros((2 + first,)), c[1])  # of the states, without what is measured
-    law_a = block_diag(np.diag([1.0, kept]), ahead.A)
+    law_a = scipy.linalg.block_diag(np.diag([1.0, kept]), ahead.A)
     law_b = np.vstack([np.zeros((2, 3)), ahead.B])
     for row, share in enumerate((step, 1.0 - kept)):
         law_a[row] += share * error
@@ -116,8 +115,8 @@ def pid_parts(
         pid = direct + slow * step / (z - 1.0) + fast * (1.0 - kept) / (z - kept)
         return decay + 10.0 * max(0.0, float(np.max(1.0 / np.abs(1.0 + process * pid))) - SENSITIVITY)
 
-    bounds = optimize.Bounds(*np.log(np.transpose(PID_BOUNDS)))
-    return parts(optimize.differential_evolution(slowest, bounds, seed=0, tol=1e-6, polish=False).x)
+    bounds = scipy.optimize.Bounds(*np.log(np.transpose(PID_BOUNDS)))
+    return parts(scipy.optimize.differential_evolution(slowest, bounds, seed=0, tol=1e-6, polish=False).x)
 
 
 def lqg_law(
@@ -136,11 +135,11 @@ def lqg_law(
     n = b.size
     wide, into = np.zeros((n + 1, n + 1)), np.append(b, 0.0)
     wide[:n, :n], wide[n, :n], wide[n, n] = a, -sample_time_s * c[1], 1.0
-    cost = block_diag(np.outer(c[1], c[1]) / ERROR_M**2, np.array([[1.0 / (ERROR_M * tau_r_s) ** 2]]))
+    cost = scipy.linalg.block_diag(np.outer(c[1], c[1]) / ERROR_M**2, np.array([[1.0 / (ERROR_M * tau_r_s) ** 2]]))
     k = np.asarray(control.dlqr(wide, into[:, None], cost, [[1.0 / EFFORT_V**2]])[0])[0]
     # the reference comes in by the integral alone: beside it, a share of its own would make every step overshoot
     law_c, law_d = -k, np.zeros(3)
-    law_a, law_b = block_diag(a - seen.L @ c, np.eye(1)), np.zeros((n + 1, 3))
+    law_a, law_b = scipy.linalg.block_diag(a - seen.L @ c, np.eye(1)), np.zeros((n + 1, 3))
     law_b[:n, 1:], law_b[n, 0], law_b[n, 2] = seen.L, sample_time_s, -sample_time_s
     led_back = np.zeros(n + 1)
     led_back[n] = -sample_time_s / (k[n] * tau_r_s)
@@ -172,7 +171,7 @@ def offset_law(
     on_the_way = ahead.C.copy()
     on_the_way[first:] += k
     return LinearLaw(
-        block_diag(seen.A - seen.L @ seen.C, ahead.A),
+        scipy.linalg.block_diag(seen.A - seen.L @ seen.C, ahead.A),
         np.vstack([np.hstack([np.zeros((n + 2, 1)), seen.L]), ahead.B]),
         np.concatenate([-k, [-gain, -1.0], on_the_way]), ahead.D, np.append(seen.B, np.zeros(ahead.C.size)),
     )  # fmt: skip

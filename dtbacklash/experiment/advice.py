@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from scipy import linalg
+import scipy
 
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import on_the_motor
@@ -101,7 +101,7 @@ def _unstable(config: RunConfig, design: ControllerDesign, law: LinearLaw) -> It
     seen[1, : motor.order], seen[2, motor.order :] = motor.C[0], plant.C[0]
     driven = np.concatenate([motor.B, plant.B])
     loop = np.block([
-        [linalg.block_diag(motor.A, plant.A) + driven @ (law.D @ seen)[None], driven @ law.C[None]],
+        [scipy.linalg.block_diag(motor.A, plant.A) + driven @ (law.D @ seen)[None], driven @ law.C[None]],
         [(law.B + np.outer(law.E, law.D)) @ seen, law.A + np.outer(law.E, law.C)],
     ])  # fmt: skip
     radius = float(np.abs(np.linalg.eigvals(loop)).max())

@@ -19,19 +19,10 @@ from typing import Any
 from dtbacklash.config.run import TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
+from dtbacklash.remote import protocol
 from dtbacklash.remote.connection import NOBODY, Connection
 from dtbacklash.remote.credentials import load_credentials
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, digest, samples_that_fit
-from dtbacklash.remote.protocol import (
-    REPLAYED,
-    Counters,
-    Document,
-    Rejected,
-    answer_topic,
-    check_name,
-    check_origin,
-    request_topic,
-)
 from dtbacklash.twin.link.service import RUN_ENDED, Dropped, Reply, Request
 
 log = logging.getLogger(__name__)
@@ -81,20 +72,20 @@ class RemoteTwin:
     def __init__(
         self,
         settings: TwinConfig,
-        belief: Document,
+        belief: protocol.Document,
         waits: bool = True,
         design: Callable[[Belief], object] = lambda belief: None,
     ) -> None:
         self._design = design
         self.settings, self.belief, self.waits = settings, belief, waits
-        machine = check_name("twin.machine", settings.machine)
+        machine = protocol.check_name("twin.machine", settings.machine)
         credentials = load_credentials(settings.credentials, "twin.credentials")
         self._key = credentials.needed_key("twin.credentials").of_machine(machine)
         bank = settings.on_alarm == "bank"
         name, length = ("bank_buffer", settings.bank_buffer) if bank else ("buffer", settings.buffer)
         if length > (most := samples_that_fit(belief, 3 if bank else 2)):
             raise UserError(f"twin.{name}", length, f"must be at most {most} samples with a remote twin")
-        self._topic, self._machine = request_topic(machine), machine
+        self._topic, self._machine = protocol.request_topic(machine), machine
         self._run, self._counter = secrets.token_hex(16), 0
         self._asked: OrderedDict[int, _Asked] = OrderedDict()
         self._waiting: dict[int, _Asked] = {}  # of the asked
@@ -102,7 +93,7 @@ class RemoteTwin:
         self._by_mid: dict[int, _Asked] = {}
         self._told: dict[int, str] = {}
         self._done: list[Reply] = []
-        self._twins = Counters(TWINS_KEPT)
+        self._twins = protocol.Counters(TWINS_KEPT)
         self._dropped: Counter[tuple[int, str]] = Counter()  # by the last request before, and reason
         self._delays: list[float] = []
         self._reasons: Counter[str] = Counter()
@@ -110,8 +101,8 @@ class RemoteTwin:
         self._closing, self._over = False, False
         self._state = threading.Condition()
         self._connection = Connection(
-            settings.broker, credentials, [answer_topic(machine)], self._take, f"machine-{machine}", "twin.broker",
-            published=self._published, changed=self._changed,
+            settings.broker, credentials, [protocol.answer_topic(machine)], self._take, f"machine-{machine}",
+            "twin.broker", published=self._published, changed=self._changed,
         )  # fmt: skip
         self._sender = threading.Thread(target=self._send_all, name="twin-sender", daemon=True)
         self._connection.open()
@@ -269,7 +260,7 @@ class RemoteTwin:
             with self._state:
                 self._accept(message)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = Rejected.of(error)
+            refused = protocol.Rejected.of(error)
             log.info("dropped an answer: %s", refused)
             with self._state:
                 if not self._over:
@@ -277,13 +268,13 @@ class RemoteTwin:
 
     def _checked(self, topic: str, payload: bytes, signature: str | None) -> AnswerMessage:
         """The answer in a message that passes all checks; raises Rejected."""
-        check_origin("answer", self._key, topic, payload, signature)
+        protocol.check_origin("answer", self._key, topic, payload, signature)
         message = AnswerMessage.parsed(payload)
         if message.to.run != self._run or message.machine != self._machine:
-            raise Rejected(OTHER_RUN)
+            raise protocol.Rejected(OTHER_RUN)
         if message.answer is not None:
             if self.settings.guard and not message.answer.guarded:
-                raise Rejected(UNGUARDED)
+                raise protocol.Rejected(UNGUARDED)
             self._check_model(message.answer.belief)
             check_bounds(message.answer, self.settings.gap_max_deg)
         return message
@@ -293,28 +284,28 @@ class RemoteTwin:
         if belief is None:
             return
         if self.settings.on_alarm != "bank":
-            raise Rejected(NO_MODEL, "it was not asked for")
+            raise protocol.Rejected(NO_MODEL, "it was not asked for")
         mine, said = self.belief["rig"], belief.rig.config
         if mine["elements"] != said.elements or mine["sensors"] != said.sensors or set(mine["parameters"]) != set(
             said.parameters
         ):  # fmt: skip
-            raise Rejected(NO_MODEL, "its elements, sensors or parameters are others")
+            raise protocol.Rejected(NO_MODEL, "its elements, sensors or parameters are others")
         try:
             self._design(belief)
         except UserError as mistake:
-            raise Rejected(NO_MODEL, str(mistake)) from mistake
+            raise protocol.Rejected(NO_MODEL, str(mistake)) from mistake
 
     def _accept(self, message: AnswerMessage) -> None:
         """Take the answer to a request that waits for one; raises Rejected for all others."""
         one = self._asked.get(message.to.counter)
         if one is None:
-            raise Rejected(UNKNOWN)
+            raise protocol.Rejected(UNKNOWN)
         if one.state == ANSWERED:
-            raise Rejected(REPLAYED if message.ticket == one.accepted else DOUBLED)
+            raise protocol.Rejected(protocol.REPLAYED if message.ticket == one.accepted else DOUBLED)
         if one.state != WAITING:
-            raise Rejected(LATE if one.state == GIVEN_UP else OLD_BUFFER)
+            raise protocol.Rejected(LATE if one.state == GIVEN_UP else OLD_BUFFER)
         if message.sha256 != one.sha256:
-            raise Rejected(CHANGED)
+            raise protocol.Rejected(CHANGED)
         self._twins.advance(message.ticket.run, message.ticket.counter)
         one.accepted = message.ticket
         if message.answer is None:

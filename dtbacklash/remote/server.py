@@ -16,25 +16,10 @@ from queue import Full, Queue
 
 from dtbacklash.config.twin import ServeConfig
 from dtbacklash.errors import UserError
+from dtbacklash.remote import protocol
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import STATUS, load_credentials
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, claimed_ticket, digest
-from dtbacklash.remote.protocol import (
-    MALFORMED,
-    NAME,
-    OTHER_VERSION,
-    REQUESTS,
-    VERSION,
-    Counters,
-    Document,
-    Rejected,
-    answer_topic,
-    check_name,
-    check_origin,
-    dumped,
-    name_in,
-    status_topic,
-)
 from dtbacklash.remote.status import Statistics
 from dtbacklash.remote.workers import FairQueue, Processes, Result
 from dtbacklash.twin.link.service import Answer
@@ -99,7 +84,7 @@ class TwinServer:
 
     def __init__(self, config: ServeConfig, say: Say = lambda line: None) -> None:
         self.config, self._say = config, Teller(say)
-        self.name = check_name("name", config.name)
+        self.name = protocol.check_name("name", config.name)
         credentials = load_credentials(config.credentials, "credentials")
         self._key = credentials.needed_key("credentials")
         if self._key.machine is not None:
@@ -110,19 +95,19 @@ class TwinServer:
         self._lock = threading.Lock()  # of the counters, which several threads use
         self.statistics = Statistics()
         self.queue: FairQueue[_Waiting] = FairQueue(config.queue, MACHINES_WAITING)
-        self._runs = Counters(RUNS_KEPT)
+        self._runs = protocol.Counters(RUNS_KEPT)
         self._workers: Processes | None = None
         self._free = threading.Semaphore(config.workers)
         self._busy = 0
         self._ended = threading.Event()
-        topic, will = status_topic(self.name), dumped(self._status(online=False))
+        topic, will = protocol.status_topic(self.name), protocol.dumped(self._status(online=False))
         self._connection = Connection(
-            config.broker, credentials, [REQUESTS], self._take, f"twin-{self.name}",
+            config.broker, credentials, [protocol.REQUESTS], self._take, f"twin-{self.name}",
             will=(topic, will, self._status_key.sign(topic, will)), changed=self._changed, kept_s=KEPT_S,
         )  # fmt: skip
         self._was_connected, self._said = False, ""
 
-    def run(self, belief: Document) -> None:
+    def run(self, belief: protocol.Document) -> None:
         """Serve until :meth:`end`; ``belief`` : of any machine, to load what estimates need."""
         self._workers = Processes(self.config.workers)
         try:
@@ -157,11 +142,11 @@ class TwinServer:
             sender = self._sender(topic, payload, signature)
             message = self._checked(sender, payload)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = Rejected.of(error)
+            refused = protocol.Rejected.of(error)
             self.statistics.reject(refused.reason)
             printable = "".join(letter if letter.isprintable() else "?" for letter in topic[:100])
             self._say(f"{printable}: a message is dropped: {refused}")
-            if sender is not None and refused.reason in (MALFORMED, OTHER_VERSION):
+            if sender is not None and refused.reason in (protocol.MALFORMED, protocol.OTHER_VERSION):
                 self._send(sender, claimed_ticket(payload), digest(payload), None, str(refused))
             return
         self.statistics.count(message.machine, "requests")
@@ -171,17 +156,17 @@ class TwinServer:
 
     def _sender(self, topic: str, payload: bytes, signature: str | None) -> str:
         """The machine that has signed a message; raises Rejected."""
-        machine = name_in(topic)
-        if not NAME.fullmatch(machine):
-            raise Rejected(MALFORMED, "the name of the machine")
-        check_origin("request", self._key.of_machine(machine), topic, payload, signature)
+        machine = protocol.name_in(topic)
+        if not protocol.NAME.fullmatch(machine):
+            raise protocol.Rejected(protocol.MALFORMED, "the name of the machine")
+        protocol.check_origin("request", self._key.of_machine(machine), topic, payload, signature)
         return machine
 
     def _checked(self, machine: str, payload: bytes) -> RequestMessage:
         """The request in a message of a machine that passes all checks; raises Rejected."""
         message = RequestMessage.parsed(payload)
         if message.machine != machine:
-            raise Rejected(MALFORMED, f"of machine {message.machine}")
+            raise protocol.Rejected(protocol.MALFORMED, f"of machine {message.machine}")
         self._runs.advance((machine, message.ticket.run), message.ticket.counter)
         return message
 
@@ -238,7 +223,9 @@ class TwinServer:
 
     def _send(self, machine: str, to: Ticket, sha256: str, answer: Answer | None, reason: str) -> None:
         out = AnswerMessage(machine, self._ticket(), to, sha256, answer, reason)
-        self._connection.publish(answer_topic(machine), out.dumped(), self._key.of_machine(machine), expires_s=600)
+        self._connection.publish(
+            protocol.answer_topic(machine), out.dumped(), self._key.of_machine(machine), expires_s=600
+        )
 
     def _ticket(self) -> Ticket:
         with self._lock:
@@ -252,12 +239,14 @@ class TwinServer:
                 self._publish_status(online=True)
 
     def _publish_status(self, online: bool) -> None:
-        self._connection.publish(status_topic(self.name), dumped(self._status(online)), self._status_key, retain=True)
+        self._connection.publish(
+            protocol.status_topic(self.name), protocol.dumped(self._status(online)), self._status_key, retain=True
+        )
 
-    def _status(self, online: bool) -> Document:
+    def _status(self, online: bool) -> protocol.Document:
         queue = self.queue.lengths()
         return {
-            "version": VERSION, "kind": "status", "name": self.name, "twin": self._run,
+            "version": protocol.VERSION, "kind": "status", "name": self.name, "twin": self._run,
             "counter": self._ticket().counter, "online": online, "time_s": round(time.time(), 3),
             "workers": self.config.workers, "busy": self._busy, "queue": sum(queue.values()),
             **self.statistics.document(queue),

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dtbacklash.arrays import Floats
-from dtbacklash.report.components.style import COLOUR, envelope, line_up, panels, styled
+from dtbacklash.report.components.style import COLOUR, envelope, panels, styled
 from dtbacklash.units import in_signs, scaled
 
 #: height of a panel, in
@@ -33,5 +33,4 @@ def channels_figure(
         ax.set_ylabel(f"{name} [{in_signs(unit)}]")
     axes[-1].set_xlim(t_s[0], t_s[-1])
     axes[-1].set_xlabel("time [s]")
-    line_up(axes)
     return figure

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above, line_up
+from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above
+
+#: marks that may stand on the border of a panel, and a text at the right of a mark
+ON_TOP: dict[str, Any] = {"zorder": 4, "clip_on": False}
+BESIDE: dict[str, Any] = {"xytext": (8, 0), "textcoords": "offset points", "va": "center", "fontsize": 10}
 
 
 def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:
@@ -18,7 +23,6 @@ def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:
     axes[-1].set_xlabel("time [s]")
     for ax in axes:
         ax.margins(y=0.08)
-    line_up(axes)
 
 
 def response_panel(ax: Axes, trace: pd.DataFrame) -> None:
@@ -60,46 +64,18 @@ def _mark_estimates(ax: Axes, trace: pd.DataFrame, estimates: pd.DataFrame | Non
     if len(good):
         when = good["t_applied_s"].where(good["t_applied_s"].notna(), good["t_event_s"])
         when = when.where(when <= trace["t_s"].iloc[-1])  # what comes after the end has no place in the panel
-        ax.plot(
-            when,
-            good["gap_deg"],
-            "o",
-            color=COLOUR["gap_hat"],
-            ms=7,
-            mec="white",
-            zorder=4,
-            label="accepted",
-            clip_on=False,
-        )
+        ax.plot(when, good["gap_deg"], "o", color=COLOUR["gap_hat"], ms=7, mec="white", label="accepted", **ON_TOP)
     if not len(bad):
         return
     shown = np.concatenate([trace["gap_deg"], trace["gap_hat_deg"].fillna(0.0), good["gap_deg"], [1.0]])
     ceiling = 1.12 * shown.max()
     value = bad["gap_deg"].to_numpy(dtype=float)
     height = np.clip(np.nan_to_num(value, nan=ceiling, posinf=ceiling, neginf=0.0), 0.0, ceiling)
-    ax.plot(
-        bad["t_event_s"],
-        height,
-        "x",
-        color=COLOUR["rejected"],
-        ms=9,
-        mew=2.4,
-        zorder=4,
-        label="rejected",
-        clip_on=False,
-    )
+    ax.plot(bad["t_event_s"], height, "x", color=COLOUR["rejected"], ms=9, mew=2.4, label="rejected", **ON_TOP)
     for x, y, number in zip(bad["t_event_s"], height, value, strict=True):
         if y != number:
             text = f"{number:.0f}°" if math.isfinite(number) else "none"
-            ax.annotate(
-                text,
-                (x, y),
-                xytext=(8, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=10,
-                color=COLOUR["rejected"],
-            )
+            ax.annotate(text, (x, y), color=COLOUR["rejected"], **BESIDE)
 
 
 def index_panel(ax: Axes, trace: pd.DataFrame, column: str, lines: list[float], unit: str) -> None:
@@ -117,15 +93,7 @@ def novelty_panel(ax: Axes, trace: pd.DataFrame, estimates: pd.DataFrame | None,
     ax.plot(*envelope(trace["t_s"], novelty), color=COLOUR["novelty"], lw=1.3, label="index")
     if estimates is not None and len(estimates):
         ceiling = 1.1 * max(float(novelty.max()), threshold_mm)
-        ax.plot(
-            estimates["t_event_s"],
-            np.full(len(estimates), ceiling),
-            "v",
-            color=COLOUR["gap_hat"],
-            ms=8,
-            mec="white",
-            label="event",
-            clip_on=False,
-        )
+        at, color = np.full(len(estimates), ceiling), COLOUR["gap_hat"]
+        ax.plot(estimates["t_event_s"], at, "v", color=color, ms=8, mec="white", label="event", clip_on=False)
     ax.set_ylabel("index [mm]")
     legend_above(ax)

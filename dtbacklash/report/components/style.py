@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -16,10 +16,15 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, YAxis
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.layout_engine import LayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike, NDArray
 
 INK = "#1f2933"  # text, axes, the truth
@@ -41,6 +46,10 @@ SERIES = ["#0072b2", "#d55e00", "#00805f", "#b5478a", "#6a51a3", "#9a7d0a", "#56
 MARKERS = ["o", "s", "D", "^", "v", "P", "X", "*"]
 
 WIDTH = 9.0  # inch
+#: room about axes with their labels, and the width of a colour bar, inch
+PAD, BAR = 0.06, 0.15
+#: axes whose size changes by less than this share keep their ticks
+ALIKE = 0.25
 #: an axis shows at least this factor
 SPAN = 15.0
 #: from this many decades on only whole decades are labelled, and at most this many labels in all
@@ -74,45 +83,117 @@ def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes
     return figure, list(axes)
 
 
-class Layout(ConstrainedLayoutEngine):
-    """matplotlib's, and labels of panels in one line.
+class Layout(LayoutEngine):
+    """Room for what stands about the axes, measured once; matplotlib's constrained layout measures it four times.
 
-    `Figure.align_ylabels` would do the latter, too, but then each panel measures all of them, eight times a figure.
+    The axes of a figure stand in one grid; y labels of a column in one line. Legends of the figure get room above or
+    below it. bars : axes -> their colour bar, and its height as a share of theirs.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._lines: list[Sequence[Axes]] = []
-
-    def line_up(self, axes: Sequence[Axes]) -> None:
-        """Put the y labels of panels, one below the other, into one line."""
-        self._lines.append(axes)
+        self._adjust_compatible, self._colorbar_gridspec = False, False
+        self.bars: dict[Axes, tuple[Axes, float]] = {}
+        self._labels_aligned = False
 
     def execute(self, fig: Figure) -> None:
-        """Lay out; the labels are lined up once."""
-        super().execute(fig)
+        """Put the axes into their places."""
         canvas = fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
-        for axes in self._lines:
-            for ax in axes:
-                ax.yaxis.get_tightbbox(canvas.get_renderer())  # puts its label beside its own ticks
-            left = min(ax.yaxis.label.get_position()[0] for ax in axes)
-            for ax in axes:
-                ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
-        self._lines.clear()
+        renderer = canvas.get_renderer()
+        placed = {ax: spec for ax in fig.axes if (spec := ax.get_subplotspec()) is not None}
+        if not placed:
+            return
+        for axis in (axis for ax in fig.axes for axis in (ax.xaxis, ax.yaxis) if not axis.label.get_text()):
+            axis.set_label_coords(0.0, 0.0)  # no label: matplotlib need not look for its place
+        before = np.array([ax.bbox.size for ax in placed])
+        self._place(fig, placed, renderer)
+        if not np.allclose(before, [ax.bbox.size for ax in placed], rtol=ALIKE):  # they may have other ticks now
+            self._place(fig, placed, renderer)
+        for column in range(0 if self._labels_aligned else next(iter(placed.values())).get_gridspec().ncols):
+            labelled = [ax for ax, s in placed.items() if s.colspan.start == column and ax.yaxis.label.get_text()]
+            _align_labels(labelled, renderer)
+        self._labels_aligned = True
+
+    def _place(self, fig: Figure, placed: dict[Axes, SubplotSpec], renderer: RendererBase) -> None:
+        grid, pad = next(iter(placed.values())).get_gridspec(), PAD * fig.dpi
+        (left, right), (top, bottom) = (np.full((2, n), pad) for n in (grid.ncols, grid.nrows))
+        for ax, spec in placed.items():
+            tight, rows, columns = ax.get_tightbbox(renderer, for_layout_only=True), spec.rowspan, spec.colspan
+            assert tight is not None
+            for margins, at, room in (
+                (left, columns.start, ax.bbox.x0 - tight.x0),
+                (right, columns.stop - 1, tight.x1 - ax.bbox.x1 + self._bar_room(ax, renderer)),
+                (bottom, rows.stop - 1, ax.bbox.y0 - tight.y0), (top, rows.start, tight.y1 - ax.bbox.y1),
+            ):  # fmt: skip
+                margins[at] = max(margins[at], room + pad)
+        for legend in fig.legends:
+            box = legend.get_window_extent(renderer)
+            (top if box.y0 + box.y1 > fig.bbox.height else bottom[::-1])[0] += box.height + 2.0 * pad
+        x0, x1 = _cells(left, right, fig.bbox.width, grid.get_width_ratios())
+        y1, y0 = (fig.bbox.height - edge for edge in _cells(top, bottom, fig.bbox.height, grid.get_height_ratios()))
+        for ax, spec in placed.items():
+            rows, columns = spec.rowspan, spec.colspan
+            box = Bbox([(x0[columns.start], y0[rows.stop - 1]), (x1[columns.stop - 1], y1[rows.start])])
+            _put(ax, box)
+            if ax in self.bars:
+                bar, share = self.bars[ax]
+                x, half = box.x1 + 2.0 * pad, 0.5 * share * box.height
+                middle = 0.5 * (box.y0 + box.y1)
+                _put(bar, Bbox([(x, middle - half), (x + BAR * fig.dpi, middle + half)]))
+
+    def _bar_room(self, ax: Axes, renderer: RendererBase) -> float:
+        """How wide the colour bar of these axes is with its labels, pixels; 0 without one."""
+        if ax not in self.bars:
+            return 0.0
+        bar = self.bars[ax][0]
+        tight = bar.get_tightbbox(renderer, for_layout_only=True)
+        assert tight is not None
+        return float(tight.x1 - bar.bbox.x1 + (BAR + 2.0 * PAD) * ax.figure.dpi)
 
 
-def line_up(axes: Sequence[Axes]) -> None:
-    """Put the y labels of a figure's panels, one below the other, into one line."""
-    layout = axes[0].figure.get_layout_engine()
+def _put(ax: Axes, box: Bbox) -> None:
+    """Put axes into a box, pixels."""
+    ax.set_position(ax.figure.transFigure.inverted().transform_bbox(box))
+    ax.set_in_layout(True)  # set_position takes them out
+
+
+def _align_labels(axes: list[Axes], renderer: RendererBase) -> None:
+    """Put the y labels of a column into one line, where there are several."""
+    if len(axes) < 2:
+        return
+    for ax in axes:
+        ax.yaxis.get_tightbbox(renderer)  # puts its label beside its own ticks
+    left = min(ax.yaxis.label.get_position()[0] for ax in axes)
+    for ax in axes:
+        ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
+
+
+def _cells(
+    before: NDArray[np.float64], after: NDArray[np.float64], length: float, ratios: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the cells of a grid begin and end, pixels, with these margins before and after each."""
+    sizes = max(length - before.sum() - after.sum(), 1.0) * np.asarray(ratios) / np.sum(ratios)
+    begins = np.cumsum(before) + np.concatenate([[0.0], np.cumsum(sizes + after)[:-1]])
+    return begins, begins + sizes
+
+
+def colour_bar(mappable: ScalarMappable, ax: Axes, label: str, shrink: float = 1.0) -> Colorbar:
+    """A colour bar at the right of its axes. shrink: its height as a share of theirs."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    layout, bar = figure.get_layout_engine(), figure.add_axes((0.9, 0.2, 0.02, 0.6))
     assert isinstance(layout, Layout)
-    layout.line_up(axes)
+    layout.bars[ax] = bar, shrink
+    return figure.colorbar(mappable, cax=bar, label=label)
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure of the house's width; sizes in inch."""
     figure = Figure(figsize=(width, height), layout=Layout())
     FigureCanvasAgg(figure)
+    # about where the layout puts axes: ticks are chosen for axes of the final size
+    figure.subplotpars.update(left=0.8 / width, right=1.0 - 0.15 / width, bottom=0.6 / height, top=1.0 - 0.4 / height)
     return figure
 
 

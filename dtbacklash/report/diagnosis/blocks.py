@@ -17,14 +17,7 @@ from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Tabl
 from dtbacklash.report.components.intervals import interval
 from dtbacklash.report.components.numbers import change, number
 from dtbacklash.report.diagnosis.methods import methods
-from dtbacklash.report.diagnosis.words import (
-    better_model,
-    capital,
-    checks_said,
-    error_text,
-    formula_values,
-    grounds,
-)
+from dtbacklash.report.diagnosis.words import better_model, capital, checks_said, error_text, formula_values, grounds
 
 MODELS = ("nominal", "recalibrated", "extended", "modelled")
 #: from this many times the signal on, an error is only said to be over it

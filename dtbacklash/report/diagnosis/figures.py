@@ -14,7 +14,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.plot_data import Curve, LawShown
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.report.components.intervals import scaled, unit_in_signs
-from dtbacklash.report.components.style import INK, MUTED, envelope, line_up, new_figure, styled
+from dtbacklash.report.components.style import INK, MUTED, envelope, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
 NOISE = r"noise ($\pm 2 \sigma$)"
@@ -63,7 +63,6 @@ def judged_figure(curve: Curve, unit: tuple[float, str], size: tuple[float, floa
     below.set_xlabel("time [s]")
     below.set_xlim(*window)
     below.margins(y=0.12)
-    line_up([top, below])
     figure.legend(loc="outside upper left", ncols=4 if size[0] > NARROW[0] else 2, columnspacing=1.4)
     return figure
 
@@ -108,7 +107,6 @@ def curve_figure(curve: Curve, model: str = "extended") -> Figure:
     axes[-1, 0].axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
     axes[0, 0].set_title("the whole record")
     axes[0, 1].set_title("a closer look")
-    line_up(list(axes[:, 0]))
     figure.legend(loc="outside upper left", ncols=5, columnspacing=1.6)
     return figure
 

@@ -15,25 +15,10 @@ from dtbacklash.report.components.blocks import Block, Code, Figure, Part, Side
 from dtbacklash.report.components.page import embedded, fragment, render
 from dtbacklash.report.components.style import png
 from dtbacklash.report.components.style import save as save_figure
+from dtbacklash.report.diagnosis import words
 from dtbacklash.report.diagnosis.blocks import folded, law_caption
 from dtbacklash.report.diagnosis.figures import NARROW, curve_figure, judged_figure, law_figure
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
-from dtbacklash.report.diagnosis.words import (
-    better_model,
-    capital,
-    causes,
-    design_command,
-    failing,
-    heading,
-    judged,
-    judged_how,
-    labels,
-    lead,
-    left,
-    mean_square,
-    next_command,
-    sensor_unit,
-)
 
 BADGES = {
     CONSISTENT: ("consistent", "good"),
@@ -48,37 +33,41 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
     save(diagnosis, folder)
     stopped = [("stopped early", "bad")] if diagnosis.stopped else []
     parts = first_screen(diagnosis, folder) + folded(diagnosis, *_figures(diagnosis, folder / "figures"))
-    page = render(heading(diagnosis), lead(diagnosis), parts, [*stopped, BADGES[diagnosis.verdict]])
+    page = render(words.heading(diagnosis), words.lead(diagnosis), parts, [*stopped, BADGES[diagnosis.verdict]])
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def first_look(diagnosis: Diagnosis) -> str:
     """The verdict, a row a cause and the figure of what was not fitted, as HTML for a notebook."""
     curve = judged_curve(diagnosis)
-    drawn = png(judged_figure(curve, sensor_unit(diagnosis, curve.name))) if curve else png(rig_figure(diagnosis))
-    return fragment(heading(diagnosis) + ".", causes(diagnosis), Figure(embedded(drawn), lead(diagnosis)))
+    drawn = png(judged_figure(curve, words.sensor_unit(diagnosis, curve.name))) if curve else png(rig_figure(diagnosis))
+    return fragment(
+        words.heading(diagnosis) + ".", words.causes(diagnosis), Figure(embedded(drawn), words.lead(diagnosis))
+    )
 
 
 def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
     """Causes; one figure beside what is left, what to record next, and the command that uses the result."""
-    table, rest, curve = causes(diagnosis), left(diagnosis), judged_curve(diagnosis)
+    table, rest, curve = words.causes(diagnosis), words.left(diagnosis), judged_curve(diagnosis)
     right: list[Part] = [
         Block("What is left", [rest]),
-        Block("What next", [diagnosis.next_experiment, Code(design_command(diagnosis, "."))]),
+        Block("What next", [diagnosis.next_experiment, Code(words.design_command(diagnosis, "."))]),
         Block(
-            "Use it", [Code("" if diagnosis.fault else next_command(diagnosis, "rig.yaml"))], "in this page's folder"
+            "Use it",
+            [Code("" if diagnosis.fault else words.next_command(diagnosis, "rig.yaml"))],
+            "in this page's folder",
         ),
     ]
     if not table.rows and not rest.rows:
         right.insert(0, diagnosis.summary)
-    checked = failing(diagnosis)
+    checked = words.failing(diagnosis)
     if curve is None:
         return [table, *right, checked]
-    unit = sensor_unit(diagnosis, curve.name)
+    unit = words.sensor_unit(diagnosis, curve.name)
     path = save_figure(judged_figure(curve, unit), folder / "figures" / "judged.png")
     held = "The part that was not fitted" if curve.held_out_from_s is not None else "A part of the recording"
     figure = Figure(
-        embedded(path), f"{held}, {judged_how(diagnosis)}; below it what the model leaves.",
+        embedded(path), f"{held}, {words.judged_how(diagnosis)}; below it what the model leaves.",
         narrow=embedded(png(judged_figure(curve, unit, NARROW))),
     )  # fmt: skip
     return [table, Side([figure], right), checked]
@@ -86,14 +75,14 @@ def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
 
 def judged_curve(diagnosis: Diagnosis) -> Curve | None:
     """The channel that is shown first: the one that the nominal model misses most beside its motion."""
-    curves = judged(diagnosis)
-    missed = {c.name: mean_square(c.measured - c.nominal) / (float(np.nanvar(c.measured)) or 1.0) for c in curves}
+    curves = words.judged(diagnosis)
+    missed = {c.name: words.mean_square(c.measured - c.nominal) / (float(np.nanvar(c.measured)) or 1.0) for c in curves}
     return max(curves, key=lambda c: missed[c.name], default=None)
 
 
 def _figures(diagnosis: Diagnosis, folder: Path) -> tuple[Figure, list[Figure], list[Figure]]:
     """Draw and save the rig, every channel, every law."""
-    shown, model = diagnosis.shown, better_model(diagnosis)
+    shown, model = diagnosis.shown, words.better_model(diagnosis)
     told = "The percentages divide what is explained among the elements." if shown.evidence else (
         "Nothing is coloured, because what is left is noise.")  # fmt: skip
     rig = Figure(
@@ -114,10 +103,10 @@ def _figures(diagnosis: Diagnosis, folder: Path) -> tuple[Figure, list[Figure], 
     for index, law in enumerate(shown.laws):
         path = save_figure(law_figure(law), folder / f"law_{index + 1}_{law.location}.png")
         caption = law_caption(diagnosis, law.effect, law.state_label)
-        laws.append(Figure(embedded(path), *caption, capital(named_in_words(law.effect, law.location)) + ":"))
+        laws.append(Figure(embedded(path), *caption, words.capital(named_in_words(law.effect, law.location)) + ":"))
     return rig, curves, laws
 
 
 def rig_figure(diagnosis: Diagnosis) -> Drawn:
     """The rig, with the evidence at each element and what was found there."""
-    return draw_rig(diagnosis.nominal, diagnosis.shown.evidence, labels(diagnosis.findings))
+    return draw_rig(diagnosis.nominal, diagnosis.shown.evidence, words.labels(diagnosis.findings))

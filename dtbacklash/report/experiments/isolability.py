@@ -16,7 +16,7 @@ from dtbacklash.diagnosis.labels import named_in_words
 from dtbacklash.files import json_able, write_json
 from dtbacklash.report.components.blocks import Block, Code, Figure, Items, Table
 from dtbacklash.report.components.page import embedded, render
-from dtbacklash.report.components.style import INK, MUTED, new_figure, save, styled
+from dtbacklash.report.components.style import INK, MUTED, colour_bar, new_figure, save, styled
 
 #: sentences that the terminal and the top of the page show
 SENTENCES = 8
@@ -123,8 +123,7 @@ def matrix_figure(found: Isolability) -> Drawn:
         ax.axvline(k - 0.5, color=MUTED, lw=0.8)
     ax.grid(False)
     ax.tick_params(length=0)
-    bar = figure.colorbar(image, ax=ax, shrink=0.5, pad=0.02)
-    bar.set_label("sine of the angle between two effects", color=INK)
+    bar = colour_bar(image, ax, "sine of the angle between two effects", shrink=0.5)
     bar.ax.axhline(ALIKE, color=INK, lw=1.0)
     ax.set_title(f"What this experiment would confuse: sines below {ALIKE:g}\n"
                  f"({len(found.pairs)} pairs of {n} effects that show at {SHOWS:g} standard errors)")  # fmt: skip

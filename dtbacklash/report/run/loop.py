@@ -53,7 +53,7 @@ def loop_figure(designed: DesignedLoop) -> Figure:
     highest = 0.9 * np.pi / designed.design.sample_time_s
     curves = Curves(designed, np.geomspace(LOWEST_RAD_S, highest, POINTS))
     figure = new_figure(6.4)
-    (size, nyquist), (phase, play) = figure.subplots(2, 2, width_ratios=[1.15, 1.0])
+    (size, nyquist), (phase, play) = figure.subplots(2, 2, width_ratios=[1.4, 1.0])
     _bode(size, phase, curves)
     _nyquist(nyquist, curves)
     _play(play, curves)

@@ -14,16 +14,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
+from dtbacklash.report.components import panels, style
 from dtbacklash.report.components.intervals import scaled, unit_in_signs
-from dtbacklash.report.components.panels import (
-    finish_time_axis,
-    gap_panel,
-    index_panel,
-    novelty_panel,
-    response_panel,
-    voltage_panel,
-)
-from dtbacklash.report.components.style import COLOUR, MUTED, envelope, legend_above, letter, new_figure, panels, styled
 
 # dark to light without the palest end: a thin line must be seen on white, and the order in grey print too
 GAP_MAP = LinearSegmentedColormap.from_list("gap", ["#14365d", "#0072b2", "#3fa7a0", "#e0a100", "#d55e00"])
@@ -31,7 +23,7 @@ GAP_MAP = LinearSegmentedColormap.from_list("gap", ["#14365d", "#0072b2", "#3fa7
 Panel = tuple[str, float, Callable[[Axes], None]]
 
 
-@styled
+@style.styled
 def run_overview(
     trace: pd.DataFrame,
     estimates: pd.DataFrame,
@@ -47,23 +39,23 @@ def run_overview(
     threshold_mm: novelty threshold [mm] if the novelty index triggers the twin, else None (no panel).
     indexes: further indexes: title, column of the trace, thresholds, unit.
     """
-    chosen: list[Panel] = [("reference and output", 2.5, lambda ax: response_panel(ax, trace))]
+    chosen: list[Panel] = [("reference and output", 2.5, lambda ax: panels.response_panel(ax, trace))]
     if moves.empty:
         chosen.append(("tracking error", 1.6, lambda ax: _error_panel(ax, trace)))
     gaps = trace[["gap_deg", "gap_hat_deg"]].fillna(0.0)
     if gaps.to_numpy().any() or len(estimates):
-        chosen.append(("backlash gap angle", 2.1, lambda ax: gap_panel(ax, trace, estimates)))
+        chosen.append(("backlash gap angle", 2.1, lambda ax: panels.gap_panel(ax, trace, estimates)))
     if threshold_mm is not None:
         title = r"novelty index $|\hat\eta|$"
-        chosen.append((title, 1.6, lambda ax: novelty_panel(ax, trace, estimates, threshold_mm)))
+        chosen.append((title, 1.6, lambda ax: panels.novelty_panel(ax, trace, estimates, threshold_mm)))
     for title, column, lines, unit in indexes or []:
-        draw = partial(index_panel, trace=trace, column=column, lines=lines, unit=unit)
+        draw = partial(panels.index_panel, trace=trace, column=column, lines=lines, unit=unit)
         chosen.append((title, 1.3, draw))
-    chosen.append(("motor input voltage", 1.6, lambda ax: voltage_panel(ax, trace)))
+    chosen.append(("motor input voltage", 1.6, lambda ax: panels.voltage_panel(ax, trace)))
     return _stacked(chosen, trace)
 
 
-@styled
+@style.styled
 def open_overview(trace: pd.DataFrame, signals: list[dict[str, Any]]) -> Figure:
     """An open-loop run over time: the command, then what each sensor shows, then the gap if there is one.
 
@@ -80,11 +72,11 @@ def open_overview(trace: pd.DataFrame, signals: list[dict[str, Any]]) -> Figure:
 
 def _stacked(chosen: list[Panel], trace: pd.DataFrame) -> Figure:
     """The panels below each other on one time axis."""
-    figure, axes = panels([height for _, height, _ in chosen])
+    figure, axes = style.panels([height for _, height, _ in chosen])
     for ax, (_, _, draw) in zip(axes, chosen, strict=True):
         draw(ax)
-    letter(axes, [title for title, _, _ in chosen])
-    finish_time_axis(axes, trace)
+    style.letter(axes, [title for title, _, _ in chosen])
+    panels.finish_time_axis(axes, trace)
     return figure
 
 
@@ -97,19 +89,19 @@ def _signal_title(signal: dict[str, Any]) -> str:
 
 def _signal_panel(ax: Axes, trace: pd.DataFrame, signal: dict[str, Any]) -> None:
     """One signal over time, in a unit of its size."""
-    colour = COLOUR["output"] if signal["of"] else COLOUR["voltage"]
+    colour = style.COLOUR["output"] if signal["of"] else style.COLOUR["voltage"]
     factor, unit = scaled(signal["unit"], signal["rms"] or 0.0)
-    ax.plot(*envelope(trace["t_s"], trace[signal["column"]] / factor), color=colour, lw=1.1)
+    ax.plot(*style.envelope(trace["t_s"], trace[signal["column"]] / factor), color=colour, lw=1.1)
     ax.set_ylabel(f"[{unit_in_signs(unit)}]")
 
 
 def _error_panel(ax: Axes, trace: pd.DataFrame) -> None:
     """Reference minus output over time [mm]."""
-    ax.plot(*envelope(trace["t_s"], trace["r_mm"] - trace["q3_mm"]), color=COLOUR["error"], lw=1.1)
+    ax.plot(*style.envelope(trace["t_s"], trace["r_mm"] - trace["q3_mm"]), color=style.COLOUR["error"], lw=1.1)
     ax.set_ylabel("$r - q_3$ [mm]")
 
 
-@styled
+@style.styled
 def moves_overlay(trace: pd.DataFrame, moves: pd.DataFrame, band: float = 0.01) -> Figure:
     """Every move from 0 to 1 on one time axis, coloured by the gap: what wear does to the transient.
 
@@ -127,38 +119,38 @@ def moves_overlay(trace: pd.DataFrame, moves: pd.DataFrame, band: float = 0.01) 
     for begin, end, start, target in zip(begins, ends, moves["from_mm"], moves["to_mm"], strict=True):
         stop = min(end, int(np.searchsorted(t, t[begin] + window)))
         shape = (q3[begin:stop] - start) / (target - start)
-        curves.append(np.column_stack(envelope(t[begin:stop] - t[begin], shape, bins=500)))
+        curves.append(np.column_stack(style.envelope(t[begin:stop] - t[begin], shape, bins=500)))
         gaps.append(gap[begin])
-    figure = new_figure(3.9)
+    figure = style.new_figure(3.9)
     left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.15])
     scale = Normalize(min(gaps), max(gaps) if max(gaps) > min(gaps) else min(gaps) + 1.0)
     for ax, width in ((left, 1.3), (right, 1.5)):
-        ax.axhspan(1 - band, 1 + band, color=MUTED, alpha=0.28, lw=0, label=f"±{100 * band:g} %")
+        ax.axhspan(1 - band, 1 + band, color=style.MUTED, alpha=0.28, lw=0, label=f"±{100 * band:g} %")
         ax.add_collection(LineCollection(curves, array=np.array(gaps), cmap=GAP_MAP, norm=scale, lw=width))
         ax.set_xlim(0, window)
         ax.set_xlabel("time since the move [s]")
     _scale_overlay(left, right, curves, band)
     left.set_ylabel("response / move")
-    letter([left, right], ["every move, from 0 to 1", "close to the target"])
-    legend_above(right)
+    style.letter([left, right], ["every move, from 0 to 1", "close to the target"])
+    style.legend_above(right)
     if max(gaps) > min(gaps):
-        figure.colorbar(ScalarMappable(scale, GAP_MAP), ax=right, label="gap at the move [deg]", pad=0.02)
+        style.colour_bar(ScalarMappable(scale, GAP_MAP), right, "gap at the move [deg]")
     return figure
 
 
-@styled
+@style.styled
 def band_figure(trace: pd.DataFrame, columns: list[str]) -> Figure:
     """What is simulated within its 95 % band, a panel a sensor, and beside it half the band's width."""
     t = trace["t_s"].to_numpy(dtype=float)
-    figure = new_figure(0.6 + 1.9 * len(columns))
+    figure = style.new_figure(0.6 + 1.9 * len(columns))
     axes = figure.subplots(len(columns), 2, sharex=True, squeeze=False, width_ratios=[1.5, 1.0])
     for (left, right), name in zip(axes, columns, strict=True):
         here, low, high = (trace[n].to_numpy(dtype=float) for n in (name, f"{name}_low", f"{name}_high"))
         (times, lows), (_, highs) = (band_ends(t, ends) for ends in (low, high))
-        left.fill_between(times, lows, highs, color=COLOUR["output"], alpha=0.3, lw=0, label="95 %")
-        left.plot(*envelope(t, here), color=COLOUR["output"], lw=1.2, label="simulated")
+        left.fill_between(times, lows, highs, color=style.COLOUR["output"], alpha=0.3, lw=0, label="95 %")
+        left.plot(*style.envelope(t, here), color=style.COLOUR["output"], lw=1.2, label="simulated")
         left.set_ylabel(name)
-        right.plot(*envelope(t, 0.5 * (high - low)), color=COLOUR["error"], lw=1.2)
+        right.plot(*style.envelope(t, 0.5 * (high - low)), color=style.COLOUR["error"], lw=1.2)
         right.set_ylim(bottom=0.0)
     axes[0, 0].legend(loc="best")
     axes[0, 0].set_title("(a)  within the band")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from typing import Any
 
-from omegaconf import OmegaConf
+import yaml
 
 from dtbacklash.config import choices
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
+from dtbacklash.files import json_able
 from dtbacklash.physics.catalogue import find
 from dtbacklash.report.components.blocks import Table
 from dtbacklash.report.components.numbers import number, quantity
@@ -18,20 +19,10 @@ from dtbacklash.report.run.text import indexes_in_words
 DIGITS = 4  # of a setting in a sentence
 
 
-def plain(value: Any) -> Any:
-    """Dataclasses and containers as nested dicts, lists and scalars."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, dict):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return value.item() if hasattr(value, "item") else value
-
-
 def as_yaml(value: Any) -> str:
     """Dataclasses and containers as YAML."""
-    return OmegaConf.to_yaml(OmegaConf.create(plain(value)))
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(json_able(value), Dumper=dumper, sort_keys=False, allow_unicode=True))
 
 
 def in_words(meaning: str, settings: Any, unit: str = "") -> str:

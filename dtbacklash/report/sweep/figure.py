@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, SymmetricalLogLocator
 
-from dtbacklash.report.components.style import INK, MARKERS, MUTED, SERIES, line_up, new_figure, save, styled
+from dtbacklash.report.components.style import INK, MARKERS, MUTED, SERIES, new_figure, save, styled
 
 PANELS = {
     "overshoot_pct_max": "largest\novershoot [%]",
@@ -76,7 +76,6 @@ def sweep_figure(table: pd.DataFrame, axes: list[str]) -> Figure:
     for ax, (name, label) in zip(panels[:, 0], PANELS.items(), strict=True):
         ax.set_ylabel(label)
         _scale(ax, table[name], LEAST[name])
-    line_up(list(panels[:, 0]))
     _legend(figure, table, layout)
     return figure
 

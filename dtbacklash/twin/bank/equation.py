@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
@@ -65,7 +65,7 @@ def _sampled(motor: MotorParameters, time_s: float) -> Floats:
     system[1, :2] = motor.k_T / motor.J, -motor.viscous_n_m_s / motor.J
     system[2, 1] = 1.0
     system[0, 3], system[1, 4] = motor.gain / motor.L, 1.0 / motor.J
-    return np.asarray(linalg.expm(system * time_s))
+    return np.asarray(scipy.linalg.expm(system * time_s))
 
 
 def _numerator(sampled: Floats, b: Floats) -> Floats:

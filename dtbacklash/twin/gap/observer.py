@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
 
 from dtbacklash.control.chain import StructureParameters, structure_polynomials
 from dtbacklash.core.library import buffer, copied, lib, struct
@@ -101,7 +101,7 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
 
 def _noise_colour(path: Path) -> float:
     """Power that a path gives to white noise at zero frequency, over that at all frequencies; at least 1."""
-    covariance = linalg.solve_discrete_lyapunov(path.phi, np.outer(path.b, path.b))
+    covariance = scipy.linalg.solve_discrete_lyapunov(path.phi, np.outer(path.b, path.b))
     mean_power = covariance[0, 0] + path.d**2
     return max(1.0, float((path.start[0] + path.d) ** 2 / mean_power))
 

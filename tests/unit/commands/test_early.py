@@ -89,6 +89,14 @@ def test_every_setting_passes_with_its_default(name):
     early.check(grammar, [f"{one.word}={one.shown()}" for one in grammar.settings.values() if not one.about.shown])
 
 
+def test_a_run_loads_what_designs_a_controller_only_where_none_is_kept():
+    code = "import sys, dtbacklash.experiment.run; print(sorted(set(sys.argv) & set(sys.modules)))"
+    heavy = [f"scipy.{name}" for name in ("linalg", "optimize", "signal", "special", "stats")]
+    done = subprocess.run([sys.executable, "-c", code, *heavy, "control", "matplotlib", "joblib"], capture_output=True,
+                          text=True, check=True)  # fmt: skip
+    assert done.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("words", [WRONG[0][0], WRONG[1][0], WRONG[4][0], WRONG[6][0]])
 def test_nothing_heavy_is_loaded_before(words):
     done = subprocess.run([sys.executable, "-c", SCRIPT, *words], capture_output=True, text=True, check=True)

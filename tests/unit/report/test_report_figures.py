@@ -172,3 +172,29 @@ def test_a_png_is_what_savefig_gives_and_the_labels_of_its_panels_stand_in_one_l
         again = overview.run_overview(trace, estimates, move_table(trace))
         again.savefig(tmp_path / "a.png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
     assert content == (tmp_path / "a.png").read_bytes()
+
+
+@settings(seeded, max_examples=15)
+@given(
+    rows=st.integers(1, 3), columns=st.integers(1, 3), place=st.sampled_from(["upper left", "lower center"]),
+    scale=st.sampled_from([1.0, 1e-4, 12345.0]), bar=st.booleans(), equal=st.booleans(),
+)  # fmt: skip
+def test_labels_legends_and_bars_touch_neither_each_other_nor_the_border(rows, columns, place, scale, bar, equal):
+    @style.styled
+    def draw():
+        figure = style.new_figure(2.6 * rows + 1.0, 4.0 * columns)
+        for k, ax in enumerate(axes := figure.subplots(rows, columns, squeeze=False).flat):
+            ax.plot([0, 1], [0, scale], label=f"line {k}")
+            ax.set(title="title", xlabel="time [s]", ylabel="much\nof it [mm]", aspect=1.0 / scale if equal else "auto")
+        if bar:
+            style.colour_bar(overview.ScalarMappable(cmap=overview.GAP_MAP), axes[-1], "gap [deg]", 0.8)
+        figure.legend(loc=f"outside {place}", ncols=3)
+        figure.get_layout_engine().execute(figure)
+        return [part.get_tightbbox(figure.canvas.get_renderer()) for part in (*figure.axes, *figure.legends)]
+
+    found = draw()
+    width, height = 4.0 * columns * 160, (2.6 * rows + 1.0) * 160
+    for k, box in enumerate(found):
+        assert (box.min > -1).all()
+        assert (box.max < (width + 1, height + 1)).all()
+        assert not any(box.overlaps(other) for other in found[:k])
