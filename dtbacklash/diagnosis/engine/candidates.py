@@ -7,7 +7,7 @@ counts as it is; a table is held back in how it bends as far as the evidence say
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -85,27 +85,32 @@ class CandidateSensitivities:
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
         asked = [h for h in asked if only is None or h.key in only]
         falls = len(asked) if bounded or every else FALLS
-        made = spread(lambda those: self._in_order(those, make, falls), by_delay(asked))
-        found = {h: columns for those in made for h, columns in those if columns}
-        del made
-        columns, first = np.empty((sum(len(c) for c in found.values()), data)), 0
-        for h in asked:  # one by one, as many recordings fill the memory
-            for column in (own := found.pop(h, [])):
-                columns[first] = column
-                first += 1
-            if own:
-                self.hypotheses.append((h, slice(first - len(own), first)))
-        self._project(columns)
+        starts = np.cumsum([0, *(h.columns for h in asked)])
+        columns = np.empty((starts[-1], data))  # rows that nothing is written to take no memory
+        rows = {h: columns[a:b] for h, (a, b) in zip(asked, pairwise(starts), strict=True)}
+        made = spread(lambda those: self._in_order(those, make, falls, rows), by_delay(asked))
+        counts, first = dict(chain.from_iterable(made)), 0
+        for h in asked:
+            if count := counts.get(h, 0):
+                columns[first : first + count] = rows[h][:count]
+                self.hypotheses.append((h, slice(first, first + count)))
+                first += count
+        self._project(columns[:first])
         self.ranked = self._ranked()
 
     def _in_order(
-        self, those: Sequence[Hypothesis], make: ColumnMaker, falls: int
-    ) -> list[tuple[Hypothesis, list[Floats] | None]]:
-        """The columns of a signal that is later and later, until so many in a row explain less than one before."""
+        self, those: Sequence[Hypothesis], make: ColumnMaker, falls: int, rows: dict[Hypothesis, Floats]
+    ) -> list[tuple[Hypothesis, int]]:
+        """Fill in the columns of a signal that is later and later, until so many in a row explain less than one before.
+
+        Returns how many columns each hypothesis has: 0 where the rig cannot have it, or it shows nowhere.
+        """
         made, best, fell = [], 0.0, 0
         for h in those:
-            columns = attempt(make.columns, h)
-            made.append((h, columns))
+            columns = attempt(make.columns, h) or []
+            for row, column in zip(rows[h][: len(columns)], columns, strict=True):
+                row[:] = column
+            made.append((h, len(columns)))
             if len(those) == 1:  # nothing that is later follows
                 break
             gain = self._gain(columns[0]) if columns else -np.inf

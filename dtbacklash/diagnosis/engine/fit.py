@@ -40,8 +40,8 @@ LADDER = (0.1, 0.1, 0.1, 1.0)
 STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
-#: a fit ends where a step promises or brings less (share of the sum of squares; sum of squares)
-ENOUGH = 1e-4, 20.0
+#: a fit ends where a step brings less (share of the sum of squares; sum of squares), or promises a share of that
+ENOUGH, CONVERGED = (1e-4, 20.0), 1e-3
 #: a Jacobian serves on by its secants while falls are as promised, within this share
 TRUSTED = 0.5
 
@@ -240,11 +240,11 @@ class FitProblem:
             least, promised = min(ENOUGH[0] * here, ENOUGH[1]), 0.0
             for attempted in range(5):
                 try:
-                    step = _step_in_box(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
+                    step = step_in_box(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
                 except np.linalg.LinAlgError:
                     return x, here
                 promised = -float(2.0 * side @ step + step @ gram @ step)
-                if not attempted and promised < least:
+                if not attempted and promised < CONVERGED * least:
                     return x, here
                 there = self.residuals(x + step, gains)
                 if there is not None and there @ there < here:
@@ -258,9 +258,9 @@ class FitProblem:
                 cut += cut < steps and bool((np.abs(taken[0])[own] >= STEP_MAX).any())
                 turn += 1
                 fall = here - float(taken[1] @ taken[1])
-                J += _secant(gram, taken[1] - rows - J @ taken[0], taken[0])
+                J += secant(gram, taken[1] - rows - J @ taken[0], taken[0])
                 x, rows, damping = x + taken[0], taken[1], damping / 8.0
-                if fall < least:
+                if fresh and fall < least:
                     break
                 fresh = False
             if turn - cut < steps and (taken is None or abs(fall - promised) > TRUSTED * promised):
@@ -329,7 +329,7 @@ class FitProblem:
         return None if best is None else self.model(*best[1:])
 
 
-def _step_in_box(gram: Floats, side: Floats) -> Floats:
+def step_in_box(gram: Floats, side: Floats) -> Floats:
     """The least of the quadratic model where no step is longer than ``STEP_MAX``: what is too long stays at the end.
 
     Raises LinAlgError where the model is singular.
@@ -346,7 +346,7 @@ def _step_in_box(gram: Floats, side: Floats) -> Floats:
     return step
 
 
-def _secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
+def secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
     """What is to be added to a Jacobian that missed the change of a step by so much.
 
     Broyden, Math. Comp. 19 (1965) 577, with parameters in the units in which each does the same.

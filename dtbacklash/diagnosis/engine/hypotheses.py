@@ -56,6 +56,11 @@ class Hypothesis:
         idle = self.effect.idle(self.values)
         return sum(p.role is not Role.GIVEN and p.name not in idle for p in self.effect.parameters)
 
+    @property
+    def columns(self) -> int:
+        """How many columns it has."""
+        return KNOTS if self.effect.is_table else 2 if self.angle else 1
+
     def put(self, rig: Rig, size: Floats | None) -> Rig:
         """The rig with it; size : (1,) its size, (2,) its sine and cosine, (2 recordings,) the same in each, (KNOTS,) a
         table's values; None as it is.

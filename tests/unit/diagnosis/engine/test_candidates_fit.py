@@ -6,10 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from nominal import nominal_rig
+from scipy.optimize import lsq_linear
 
 from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
+from dtbacklash.diagnosis.engine.columns import ColumnMaker
 from dtbacklash.diagnosis.engine.efforts import SMALL
-from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, secant, step_in_box
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import Key, apply, standing, taken_out
 from dtbacklash.diagnosis.engine.predictor import Predictor
@@ -130,13 +132,36 @@ def test_a_jacobian_is_how_rows_change():
         both = (problem.residuals(x + z, gains) - problem.residuals(x - z, gains)) / f.step
         assert np.linalg.norm(J[:, j] - both) < 0.1 * np.linalg.norm(both)
     # known columns are used again
-    kept = problem.jacobian(x, gains, rows, 3.0 * J)
-    assert np.array_equal(kept[:, : problem.priors], 3.0 * J[:, : problem.priors])
-    assert np.array_equal(kept[:, problem.priors :], J[:, problem.priors :])
-    near = problem.jacobian(x, gains, rows, None, {problem.free[0].title: np.ones(problem.innovation_rows)})
+    near = problem.jacobian(x, gains, rows, {problem.free[0].title: np.ones(problem.innovation_rows)})
     assert np.array_equal(near[: problem.innovation_rows, 0], np.ones(problem.innovation_rows))
     assert near[problem.innovation_rows, 0] == problem.stiff
     assert not near[: problem.innovation_rows, 1].any()
+
+
+def test_a_step_ends_at_the_box_where_the_rest_is_least():
+    """Against SciPy's bounded least squares, of a problem whose free step would leave the box."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        J, r = rng.standard_normal((30, 4)), 3.0 * rng.standard_normal(30)
+        J[:, 1] = J[:, 0] + 0.2 * J[:, 1]
+        step = step_in_box(J.T @ J, J.T @ r)
+        assert np.abs(step).max() <= 1.0
+        least = lsq_linear(J, -r, (-1.0, 1.0))
+        free = -np.linalg.solve(J.T @ J, J.T @ r)
+        left, cut = (float(np.sum((J @ s + r) ** 2)) for s in (step, np.clip(free, -1.0, 1.0)))
+        assert left <= min(cut, 1.1 * 2.0 * least.cost)
+        assert np.abs(free).max() > 1.0 or step == pytest.approx(least.x, abs=1e-6)
+
+
+def test_a_jacobian_by_secants_knows_what_a_step_did():
+    """And what it knew across that step stays, in the units in which each parameter does the same."""
+    rng = np.random.default_rng(4)
+    J, step, change = rng.standard_normal((30, 3)), np.array([0.3, -0.2, 0.1]), rng.standard_normal(30)
+    after = J + secant(J.T @ J, change - J @ step, step)
+    assert after @ step == pytest.approx(change)
+    across = np.array([1.0, 1.0, -1.0])
+    across -= (across @ (np.diag(J.T @ J) * step)) / (step @ (np.diag(J.T @ J) * step)) * step
+    assert after @ across == pytest.approx(J @ across)
 
 
 def test_a_wrong_parameter_is_no_missing_law():
@@ -268,8 +293,8 @@ def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
     columns = CandidateSensitivities(segments, model, model.sizes, tables=True)
     gains = segments.gains(model.rig, model.sizes)
     h, _ = next(pair for pair in columns.hypotheses if pair[0].effect.name == "speed_table")
-    made = columns._made(h, gains, segments.residuals(model.rig, gains))
     before = segments.residuals(model.rig, gains)
+    made = ColumnMaker(segments, model.rig, gains, columns.motion, before).columns(h)
     # around rest a knot acts for less than a sample, and less exactly
     for j, near in ((2, 0.05), (7, 0.35), (12, 0.05)):
         size = 1e-4 * np.eye(len(VALUES))[j]
