@@ -41,7 +41,7 @@ STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step brings less (share of the sum of squares; sum of squares), or promises a share of that
-ENOUGH, CONVERGED = (1e-4, 20.0), 1e-3
+ENOUGH, CONVERGED = (1e-4, 20.0), 0.1
 #: a Jacobian serves on by its secants while falls are as promised, within this share
 TRUSTED = 0.5
 
@@ -260,10 +260,11 @@ class FitProblem:
                 fall = here - float(taken[1] @ taken[1])
                 J += secant(gram, taken[1] - rows - J @ taken[0], taken[0])
                 x, rows, damping = x + taken[0], taken[1], damping / 8.0
-                if fresh and fall < least:
+                trusted = abs(fall - promised) <= TRUSTED * promised
+                if fall < least and (fresh or trusted):
                     break
                 fresh = False
-            if turn - cut < steps and (taken is None or abs(fall - promised) > TRUSTED * promised):
+            if turn - cut < steps and (taken is None or not trusted):
                 J, fresh = self.step_jacobian(x, gains, rows), True
         return x, float(rows @ rows)
 
@@ -330,20 +331,19 @@ class FitProblem:
 
 
 def step_in_box(gram: Floats, side: Floats) -> Floats:
-    """The least of the quadratic model where no step is longer than ``STEP_MAX``: what is too long stays at the end.
+    """The least of the quadratic model where no step is longer than ``STEP_MAX``.
 
-    Raises LinAlgError where the model is singular.
+    Raises LinAlgError where the model is not positive.
     """
-    step, free = np.zeros(len(side)), np.ones(len(side), dtype=bool)
-    while free.any():
-        held = gram[np.ix_(free, ~free)] @ step[~free]
-        step[free] = -np.linalg.solve(gram[np.ix_(free, free)], side[free] + held)
-        long = free & (np.abs(step) > STEP_MAX)
-        if not long.any():
-            break
-        step[long] = np.clip(step[long], -STEP_MAX, STEP_MAX)
-        free &= ~long
-    return step
+    step: Floats = -np.linalg.solve(gram, side)
+    if np.abs(step).max() <= STEP_MAX:
+        return step
+    from scipy.optimize import lsq_linear
+
+    root = np.linalg.cholesky(gram)
+    box = -STEP_MAX, STEP_MAX
+    bounded: Floats = lsq_linear(root.T, -np.linalg.solve(root, side), box, method="bvls").x
+    return bounded
 
 
 def secant(gram: Floats, missed: Floats, step: Floats) -> Floats:

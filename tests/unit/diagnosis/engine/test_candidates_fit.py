@@ -147,10 +147,7 @@ def test_a_step_ends_at_the_box_where_the_rest_is_least():
         step = step_in_box(J.T @ J, J.T @ r)
         assert np.abs(step).max() <= 1.0
         least = lsq_linear(J, -r, (-1.0, 1.0))
-        free = -np.linalg.solve(J.T @ J, J.T @ r)
-        left, cut = (float(np.sum((J @ s + r) ** 2)) for s in (step, np.clip(free, -1.0, 1.0)))
-        assert left <= min(cut, 1.1 * 2.0 * least.cost)
-        assert np.abs(free).max() > 1.0 or step == pytest.approx(least.x, abs=1e-6)
+        assert step == pytest.approx(least.x, abs=1e-3)
 
 
 def test_a_jacobian_by_secants_knows_what_a_step_did():
