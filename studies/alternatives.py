@@ -153,7 +153,7 @@ def left(nominal: Rig, rig: Rig, record: Record) -> tuple[dict[str, Floats], dic
     """Channel -> (N,) what a rig's predictor leaves of it, and channel -> the noise's standard deviation."""
     channels = tuple(c for c in nominal.sensors if c in record.y)
     predictor = Predictor(nominal, Simulated(readings(record.u, record.y, channels, record.sample_time_s, 1, False)))
-    sizes = predictor.first_sizes()
+    sizes = predictor.first_noise_levels()
     sizes[: len(predictor.bodies)] = np.log(STRICT)
     innovations = predictor.run(rig, predictor.gains(rig, sizes)).D
     noise = predictor.readings.noise.tolist()

@@ -141,7 +141,7 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     def error(of: Rig) -> float:
         squares = []
         for p in segments.predictors:
-            gains = p.gains(of, p.first_sizes())
+            gains = p.gains(of, p.first_noise_levels())
             gains.K[:, FIRST:] = 0.0  # the first samples show the first state; from there on nothing comes to help
             squares.append(p.run(of, gains).D[FIRST:] ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))

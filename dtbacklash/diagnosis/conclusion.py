@@ -60,7 +60,7 @@ class Conclusion:
 
     def unknown(self, model: FittedModel) -> dict[str, float]:
         """Body -> unknown force, a share of what acts there."""
-        return self.search.segments.unknown(model.sizes)
+        return self.search.segments.unknown(model.noise_levels)
 
     @property
     def before(self) -> float:

@@ -260,7 +260,7 @@ class _Course:
 
     def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""
-        return Predictions(search.segments, self.records, self.every, search.now.rig, search.now.sizes)
+        return Predictions(search.segments, self.records, self.every, search.now.rig, search.now.noise_levels)
 
     def _moves_by_itself(self, search: StepwiseSelection) -> None:
         """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
@@ -300,9 +300,11 @@ class _Course:
         last_fit, about, segments, motion = self._last_word(search, judged.model)
         model = replace(judged.model, rig=last_fit.rig)
         if last_fit.keys != model.keys:
-            model = replace(model, keys=last_fit.keys, sizes=search.segments.tuned(last_fit.rig, model.sizes)[0])
+            model = replace(
+                model, keys=last_fit.keys, noise_levels=search.segments.tuned(last_fit.rig, model.noise_levels)[0]
+            )
         judged = replace(judged, model=model)
-        seen = Predictions(search.segments, self.records, self.every, (last or model).rig, (last or model).sizes)
+        seen = Predictions(search.segments, self.records, self.every, (last or model).rig, (last or model).noise_levels)
         moved = had_to_move(search, model, about)
         c = Conclusion(search, judged, moved, about, seen, said, last, self.course, full, changes=self.changes)
         away = [f.shared_title for f in moved]
@@ -328,11 +330,11 @@ class _Course:
         far = tolerances_away(segments.nominal, model.rig).values()
         if max(self.every) > 1 and (model.keys or max(far, default=0.0) > search.rules.min_shift):
             full = replace(self._segments(self.records, [1] * len(self.every)), nominal=segments.nominal)
-            sizes, _ = full.tuned(model.rig)
-            if full.refine(model.rig, sizes, search.rules.min_gain * search.segments.count):
-                sizes, _ = full.tuned(model.rig, sizes)
-            along = motion_of(full, model.rig, full.gains(model.rig, sizes))
-            found = _fitted(full, along, replace(model, sizes=sizes))
+            noise_levels, _ = full.tuned(model.rig)
+            if full.refine(model.rig, noise_levels, search.rules.min_gain * search.segments.count):
+                noise_levels, _ = full.tuned(model.rig, noise_levels)
+            along = motion_of(full, model.rig, full.gains(model.rig, noise_levels))
+            found = _fitted(full, along, replace(model, noise_levels=noise_levels))
             if found is not None and (len(model.keys) > 1 or not found.at_end):
                 segments, motion, last = full, along, found
         several = len(model.keys) > 1 and segments is not search.segments
@@ -401,7 +403,7 @@ class _Course:
 def _fitted(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
     """A model fitted anew on some segments; None where nothing stays finite."""
     problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
-    return problem.homotopy_fit(model.sizes, None, (1.0, 0.1, 1.0), 4)
+    return problem.homotopy_fit(model.noise_levels, None, (1.0, 0.1, 1.0), 4)
 
 
 def _without_tables(search: StepwiseSelection, model: FittedModel, tables: list[tuple[str, str]]) -> FittedModel | None:

@@ -19,7 +19,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.predictor import Gains, Predictor
 from dtbacklash.diagnosis.engine.resampling import OPENING, Samples, first_read, readings
 from dtbacklash.diagnosis.engine.rig_simulator import Simulated
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.errors import UserError
@@ -135,28 +135,30 @@ def _rests(s: Stretch, errors: Floats) -> bool:
 class Predictions:
     """All records, as rigs predict them at the gains of the last model."""
 
-    def __init__(self, segments: Segments, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
+    def __init__(
+        self, segments: Segments, records: list[Record], every: list[int], rig: Rig, noise_levels: NoiseLevels
+    ) -> None:
         self.stretches: list[Stretch] = []
         self._rig = rig
         self._gains: list[Gains] = []
         self._fitted = {p.readings.recording for p in segments.predictors}
-        fitted = iter(zip(segments.predictors, sizes, strict=True))
+        fitted = iter(zip(segments.predictors, noise_levels, strict=True))
         known: tuple[Predictor, Floats] | None = None
-        first = segments.predictors[0], sizes[0]
+        first = segments.predictors[0], noise_levels[0]
         for record, m in zip(records, every, strict=True):
             known = next(fitted) if record.train.any() else known
             predictor = predictor_of(segments.nominal, record, m)
-            size = self._sizes(predictor, *(known or first))
+            size = self._noise_levels(predictor, *(known or first))
             n = len(predictor.readings.u)
             masks = [np.asarray(mask[: n * m].reshape(n, m).all(axis=1)) for mask in (record.train, record.held)]
             self.stretches.append(Stretch(record, predictor, *masks))
             self._gains.append(predictor.gains(rig, size))
 
-    def _sizes(self, predictor: Predictor, other: Predictor, sizes: Floats) -> Floats:
+    def _noise_levels(self, predictor: Predictor, other: Predictor, noise_levels: Floats) -> Floats:
         """Sizes that were found on one stretch, for another that may have other channels."""
         n = len(other.bodies)
-        forces = sizes[:n] + np.log(other.force / predictor.force)
-        noises = dict(zip(other.readings.channels, sizes[n:], strict=True))
+        forces = noise_levels[:n] + np.log(other.force / predictor.force)
+        noises = dict(zip(other.readings.channels, noise_levels[n:], strict=True))
         own = zip(predictor.readings.channels, predictor.nominal_noise, strict=True)
         return np.concatenate([forces, [noises.get(c, noise) for c, noise in own]])
 

@@ -5,7 +5,7 @@ is fitted from the true values to all but the last part; then, for each effect, 
 fitted anew from the true values. The effect is clear if three things hold:
 
 - the score, -2 log likelihood and log N for each parameter of a law, rises by ``WORTH`` without the effect;
-- at the sizes of unknown forces and noises that the true structure needs, in one channel or in all together, the excess
+- at the noise levels that the true structure needs, in one channel or in all together, the excess
   of the mean square of the whitened innovations over 1, which they have where nothing is missing, or over what the true
   structure leaves if that is less, falls by at least half with the effect (``EXCESS_LEFT``);
 - and its logarithm falls by at least ``T_CLEAR`` standard errors in the paired test over ``STRETCHES`` stretches (what
@@ -39,7 +39,7 @@ from dtbacklash.diagnosis.engine.parameters import Key, effects_of_rig, is_known
 from dtbacklash.diagnosis.engine.predictor import ASTRAY
 from dtbacklash.diagnosis.engine.resampling import rate_of
 from dtbacklash.diagnosis.engine.rig_simulator import Simulated
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.predictions import predictor_of
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.physics.rig import Rig, build_rig
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 #: the last share of a recording is held out
 HELD_OUT = 0.15
-#: steps of a fit at given sizes
+#: steps of a fit at given noise levels
 STEPS = 5
 #: stretches of a recording that are compared
 STRETCHES = 12
@@ -104,13 +104,13 @@ class Oracle:
         pinned : a parameter that stays as it is in the rig.
         """
         segments = self._segments(pinned)
-        sizes, _ = segments.tuned(rig)
-        return self._problem(segments, rig, keys, sizes).homotopy_fit(sizes)
+        noise_levels, _ = segments.tuned(rig)
+        return self._problem(segments, rig, keys, noise_levels).homotopy_fit(noise_levels)
 
-    def at(self, sizes: Sizes, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Rig:
-        """The rig with the values that fit best at given sizes."""
-        problem = self._problem(self._segments(pinned), rig, keys, sizes)
-        x, squares = problem.gauss_newton(sizes, problem.start(), STEPS)
+    def at(self, noise_levels: NoiseLevels, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Rig:
+        """The rig with the values that fit best at given noise levels."""
+        problem = self._problem(self._segments(pinned), rig, keys, noise_levels)
+        x, squares = problem.gauss_newton(noise_levels, problem.start(), STEPS)
         return problem.rig(x) if math.isfinite(squares) else rig
 
     def _segments(self, pinned: str) -> Segments:
@@ -121,46 +121,48 @@ class Oracle:
         return replace(self.segments, nominal=build_rig(replace(self.nominal.config, parameters=exact)))
 
     @staticmethod
-    def _problem(segments: Segments, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> FitProblem:
+    def _problem(segments: Segments, rig: Rig, keys: Iterable[Key], noise_levels: NoiseLevels) -> FitProblem:
         there = [key for key in keys if rig.effect(*key) is not None]
-        return FitProblem(segments, rig, there, motion_of(segments, rig, segments.gains(rig, sizes)), stiff=1.0)
+        return FitProblem(segments, rig, there, motion_of(segments, rig, segments.gains(rig, noise_levels)), stiff=1.0)
 
-    def rows(self, rig: Rig, sizes: Sizes) -> Floats:
+    def rows(self, rig: Rig, noise_levels: NoiseLevels) -> Floats:
         """(N, channels) whitened innovations of the whole recording."""
-        E = self.predictor.run(rig, self.predictor.gains(rig, sizes[0])).E
+        E = self.predictor.run(rig, self.predictor.gains(rig, noise_levels[0])).E
         return E if np.isfinite(E).all() else np.full_like(E, ASTRAY)
 
     def seen(self, best: FittedModel, without: FittedModel | None, pinned: str = "") -> Sight:
         """The true structure beside one that lacks something (None: it does not follow the recording at all)."""
         if without is None:
             return Sight(math.inf, 1.0, math.inf, math.inf)
-        # at the sizes of the true structure, other values may follow the recording better
-        there = self.at(best.sizes, without.rig, without.keys, pinned)
-        lacks = [self.rows(rig, best.sizes) for rig in (without.rig, there)]
-        found = compared(min(lacks, key=_square), self.rows(best.rig, best.sizes))
+        # at the noise levels of the true structure, other values may follow the recording better
+        there = self.at(best.noise_levels, without.rig, without.keys, pinned)
+        lacks = [self.rows(rig, best.noise_levels) for rig in (without.rig, there)]
+        found = compared(min(lacks, key=_square), self.rows(best.rig, best.noise_levels))
         least = max(WORTH[0], WORTH[1] * self.segments.count)
         return replace(found, to_spare=float(without.score - best.score - least))
 
-    def held_out(self, rig: Rig | None, sizes: Sizes) -> float:
+    def held_out(self, rig: Rig | None, noise_levels: NoiseLevels) -> float:
         """Rms of a rig's whitened innovations of the held-out part."""
         if rig is None:
             return math.nan
-        return math.sqrt(_square(self.rows(rig, sizes)[len(self.segments.predictors[0].readings.u) :]))
+        return math.sqrt(_square(self.rows(rig, noise_levels)[len(self.segments.predictors[0].readings.u) :]))
 
     def unlisted(self, recalibrated: FittedModel, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Sight]:
         """{name of the catalogue's best law: beside the noise}; truth : sensor -> (N,) its reading without errors."""
-        strict = recalibrated.sizes[0].copy()
+        strict = recalibrated.noise_levels[0].copy()
         strict[: len(self.predictor.bodies)] = math.log(STRICT)
-        sizes = (strict,)
-        bare = self.at(sizes, recalibrated.rig, ())
+        noise_levels = (strict,)
+        bare = self.at(noise_levels, recalibrated.rig, ())
         tried = {"recalibrated": bare}
         if extended is not None:
             keys = [key for key in effects_of_rig(extended) if not is_known(self.nominal, key)]
-            tried["diagnosed"] = self.at(sizes, extended, keys)
-        for p in CandidateSensitivities(self.segments, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
+            tried["diagnosed"] = self.at(noise_levels, extended, keys)
+        for p in CandidateSensitivities(self.segments, replace(recalibrated, rig=bare), noise_levels).ranked[
+            :LAWS_TRIED
+        ]:
             with suppress(UserError):  # the rig cannot have it
-                tried[".".join(*p.keys)] = self.at(sizes, p.put(bare), p.keys)
-        left = {name: self.rows(rig, sizes) for name, rig in tried.items()}
+                tried[".".join(*p.keys)] = self.at(noise_levels, p.put(bare), p.keys)
+        left = {name: self.rows(rig, noise_levels) for name, rig in tried.items()}
         best = min(left, key=lambda name: _square(left[name]))
         noise = {c: self.record.y[c] - truth[c] for c in self.channels}
         # what noise alone makes of the same predictor at rest: it is all that the true law leaves
@@ -179,7 +181,7 @@ def look(
     extended : the diagnosed rig, or None where the diagnosis failed.
     truth : sensor -> (N,) its reading without noise and counts, SI; needed for unknown physics.
 
-    Returns ``held_out`` : rms of the held-out part's whitened innovations, at the sizes of the oracle's fit, of the
+    Returns ``held_out`` : rms of the held-out part's whitened innovations, at the oracle's noise levels, of the
     ``nominal``, the ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` :
     name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
 
@@ -204,10 +206,10 @@ def look(
     if secret["kind"] == "unknown" and truth is not None:
         unlisted = oracle.unlisted(recalibrated, extended, truth)
     best = better(oracle, best, extended)
-    again = oracle.at(best.sizes, recalibrated.rig, ())
+    again = oracle.at(best.noise_levels, recalibrated.rig, ())
     rigs = {"nominal": nominal, "recalibrated": again, "extended": extended, "oracle": best.rig}
     return {
-        "held_out": {name: oracle.held_out(rig, best.sizes) for name, rig in rigs.items()},
+        "held_out": {name: oracle.held_out(rig, best.noise_levels) for name, rig in rigs.items()},
         "clear": {name: s.clear for name, s in seen.items()},
         "clear_parameters": {name: s.clear for name, s in wrong.items()},
         "unlisted_clear": any(s.clear and s.without > UNLISTED_LEFT for s in unlisted.values()),

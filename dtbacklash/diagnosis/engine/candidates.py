@@ -18,7 +18,7 @@ from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.parameters import Key
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.physics.effects.table import STATES, bends
 from dtbacklash.physics.rig import Rig
@@ -58,7 +58,7 @@ class Proposal:
 
 
 class CandidateSensitivities:
-    """Columns around a fitted rig at given sizes.
+    """Columns around a fitted rig at given noise levels.
 
     ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
     bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is. every :
@@ -66,11 +66,12 @@ class CandidateSensitivities:
     """
 
     def __init__(
-        self, segments: Segments, model: FittedModel, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
-        alone: bool = False, bounded: bool = False, every: bool = False, only: Collection[Key] | None = None,
+        self, segments: Segments, model: FittedModel, noise_levels: NoiseLevels, without: tuple[Key, ...] = (),
+        tables: bool = False, alone: bool = False, bounded: bool = False, every: bool = False,
+        only: Collection[Key] | None = None,
     ) -> None:  # fmt: skip
         self.segments, self.rig, self.log_n = segments, model.rig, float(np.log(segments.count))
-        gains = segments.gains(model.rig, sizes)
+        gains = segments.gains(model.rig, noise_levels)
         motion = self.motion = motion_of(segments, model.rig, gains)
         problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
         x = problem.start()

@@ -71,8 +71,8 @@ def fits(search: StepwiseSelection, model: FittedModel) -> list[Tried]:
     """The likeliest changes beside a model, fitted."""
     ranked: dict[str, tuple[Rig, tuple[Key, ...]]] = {}
     for share in (1.0, *STRICT[:1]):
-        sizes = search.segments.scaled(model.sizes, share)
-        for title, rig, keys in _ranked(search, model, replace(model, sizes=sizes))[:FITTED]:
+        noise_levels = search.segments.scaled(model.noise_levels, share)
+        for title, rig, keys in _ranked(search, model, replace(model, noise_levels=noise_levels))[:FITTED]:
             ranked.setdefault(title, (rig, keys))
     found = []
     for title, (rig, keys) in ranked.items():
@@ -94,13 +94,13 @@ def _shared(search: StepwiseSelection, model: FittedModel, title: str) -> Fitted
 
 
 def _ranked(search: StepwiseSelection, model: FittedModel, at: FittedModel) -> list[tuple[str, Rig, tuple[Key, ...]]]:
-    """Title, rig with a value in each recording, and names, best first. at : the model at the sizes to look with."""
+    """Title, rig with a value in each recording, and names, best first. at : the model at levels to look with."""
     segments = search.segments
     found = [
         (gain, title, freed(model.rig, title, segments.recordings), model.keys)
         for gain, title in differing(segments, at, search.motion)
     ]
-    found += named_apart(segments, model, CandidateSensitivities(segments, model, at.sizes).differing())
+    found += named_apart(segments, model, CandidateSensitivities(segments, model, at.noise_levels).differing())
     return [row[1:] for row in sorted(found, key=lambda row: -row[0]) if row[0] > 0.0]
 
 
@@ -108,7 +108,7 @@ def _paired_t(search: StepwiseSelection, other: FittedModel) -> float:
     """By how many standard errors the search's model leads another one, over stretches of the recordings."""
     sums = []
     for model in (other, search.now):
-        rows = search.segments.residuals(model.rig, search.segments.gains(model.rig, search.now.sizes))
+        rows = search.segments.residuals(model.rig, search.segments.gains(model.rig, search.now.noise_levels))
         if rows is None:
             return np.inf if model is other else 0.0
         sums.append(np.array([(part**2).sum() for part in np.array_split(rows, STRETCHES)]))

@@ -24,7 +24,7 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
 
-#: t of a rival that does not follow the recording at the sizes at which models are compared
+#: t of a rival that does not follow the recording at the noise levels at which models are compared
 OPEN = 0.0
 
 
@@ -107,7 +107,7 @@ class ConfidenceTest:
         search, without = self.search, self._without()
         model = self.model
         rest = self._tables(model, None)
-        first = self.segments.of_first(model.sizes)
+        first = self.segments.of_first(model.noise_levels)
         numbers = numbers_instead(search.quick, first, model, search.motion, self.rules.min_gain)
         rivals: dict[Key, tuple[Rival, ...]] = {}
         explains: dict[Key, float] = {}
@@ -160,7 +160,7 @@ class ConfidenceTest:
 
     def _tables(self, model: FittedModel, place: str | None) -> tuple[Proposal, ...]:
         """Tables that explain something beside a model, at one place or anywhere, best first."""
-        found = attempt(CandidateSensitivities, self.segments, model, model.sizes, tables=True)
+        found = attempt(CandidateSensitivities, self.segments, model, model.noise_levels, tables=True)
         return tuple(p for p in (found.ranked if found else ()) if place is None or p.keys[0][0] == place)
 
     def _with_tables(self, less: FittedModel, tables: Sequence[Proposal]) -> list[FittedModel]:
@@ -176,7 +176,7 @@ class ConfidenceTest:
         if container and -lead < self.rules.tie_ratio * max(gained, 0.0):
             return None
         mine, other = self.horizons.reference, attempt(self.horizons.squares, m)
-        if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
+        if mine is None or other is None:  # a rival that strays at these noise levels, far behind at its own, is none
             strays = mine is not None and lead > self.rules.min_gain * self.segments.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
             costs, ahead = lead, lead < -self.search.least

@@ -14,7 +14,7 @@ from dtbacklash.diagnosis.engine.intervals import inverse
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.recording_effects import split
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
@@ -22,14 +22,16 @@ from dtbacklash.physics.rig import Rig
 SHOWN = 1e-6
 
 
-def left_out(segments: Segments, motion: Motion, model: FittedModel, sizes: Sizes | None = None) -> dict[int, Rig]:
+def left_out(
+    segments: Segments, motion: Motion, model: FittedModel, noise_levels: NoiseLevels | None = None
+) -> dict[int, Rig]:
     """Number of a recording -> the rig as the others alone have it.
 
     What belongs to the recording itself (zeros, ``own``), and a law that it alone shows, stay as they were fitted.
-    sizes : of what is unknown, other than the model's.
+    noise_levels : of what is unknown, other than the model's.
     """
     problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
-    x, gains = problem.start(), segments.gains(model.rig, sizes or model.sizes)
+    x, gains = problem.start(), segments.gains(model.rig, noise_levels or model.noise_levels)
     rows = problem.residuals(x, gains)
     if rows is None or not problem.free:
         return dict.fromkeys(segments.recordings, model.rig)
@@ -53,21 +55,23 @@ def predicted(
 ) -> dict[Key, tuple[float, ...]]:
     """Name -> per recording, the rms that is left there without the name over that with it, left out of both fits.
 
-    rigs : :func:`left_out` of the model. less : the model without each name. At the sizes of the model; infinite
+    rigs : :func:`left_out` of the model. less : the model without each name. At the noise levels of the model; infinite
     where the rig without it runs away, NaN where that with it does.
     """
-    here = _left(segments, rigs, model.sizes)
+    here = _left(segments, rigs, model.noise_levels)
     return {
-        key: tuple((_left(segments, left_out(segments, motion, m, model.sizes), model.sizes) / here).tolist())
+        key: tuple(
+            (_left(segments, left_out(segments, motion, m, model.noise_levels), model.noise_levels) / here).tolist()
+        )
         for key, m in less.items()
     }
 
 
-def _left(segments: Segments, rigs: Mapping[int, Rig], sizes: Sizes) -> Floats:
+def _left(segments: Segments, rigs: Mapping[int, Rig], noise_levels: NoiseLevels) -> Floats:
     """(recordings,) rms of the whitened innovations of each, by the rig for it; infinite where it runs away."""
     found = []
     for k, rig in rigs.items():
-        own = [(p, s) for p, s in zip(segments.predictors, sizes, strict=True) if p.readings.recording == k]
+        own = [(p, s) for p, s in zip(segments.predictors, noise_levels, strict=True) if p.readings.recording == k]
         alone = Segments(segments.nominal, tuple(p for p, _ in own))
         try:
             rows = alone.residuals(rig, alone.gains(rig, tuple(s for _, s in own)))

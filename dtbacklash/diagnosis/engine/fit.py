@@ -1,8 +1,8 @@
-"""Values of a proposed rig: nominal parameters with priors, laws' sizes and shapes, and the sizes of what is unknown.
+"""Values of a proposed rig: nominal parameters with priors, laws' sizes and shapes, and noise levels.
 
 Gauss and Newton's method, damped (Marquardt, SIAM J. 11 (1963) 431), on the whitened innovations of the exact predictor
-at given sizes, then the sizes by likelihood. At the sizes that a wrong rig needs the predictor forgives so much that a
-fit stops beside the optimum: so values are fitted first at smaller sizes (a ladder), and what is likelier is kept.
+at given noise levels, then the noise levels by likelihood. At those that a wrong rig needs the predictor forgives so
+much that a fit stops beside the optimum: so values are fitted first at smaller ones, and what is likelier is kept.
 """
 
 import copy
@@ -24,7 +24,7 @@ from dtbacklash.diagnosis.engine.parameters import (
     zeros_free,
 )
 from dtbacklash.diagnosis.engine.predictor import Gains
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
@@ -34,7 +34,7 @@ from dtbacklash.physics.rig import Rig
 
 #: priors of nominal parameters are so much stiffer until the last fit, or an inertia takes a law's place
 STIFF = 10.0
-#: rungs of the ladder: shares of the sizes
+#: rungs of the ladder: shares of the noise levels
 LADDER = (0.1, 0.1, 0.1, 1.0)
 #: a step goes no further in x
 STEP_MAX = 1.0
@@ -52,7 +52,7 @@ class FittedModel:
 
     Attributes
     ----------
-    keys : (place, effect) of what was added to the nominal rig. sizes : of unknown forces and noises.
+    keys : (place, effect) of what was added to the nominal rig. noise_levels : of unknown forces and noises.
     loss : -2 log likelihood with priors. counts : degrees of freedom of what was added and of what is
     each recording's own. score : loss + log N counts,
     by which all models are compared (Schwarz, Ann. Statist. 6 (1978) 461). at_end : whether some law's value was not
@@ -61,7 +61,7 @@ class FittedModel:
 
     rig: Rig
     keys: tuple[Key, ...]
-    sizes: Sizes
+    noise_levels: NoiseLevels
     loss: float
     counts: float
     score: float
@@ -108,13 +108,13 @@ class FitProblem:
         """(free,) where the base rig stands."""
         return np.array([standing(f, self.base) if f.prior else 0.0 for f in self.free])
 
-    def better_start(self, sizes: Sizes) -> Floats:
+    def better_start(self, noise_levels: NoiseLevels) -> Floats:
         """The same, or with parameters as they were given: a wrong rig has moved them."""
         here, given = self.start(), np.zeros(len(self.free))
         if not here.any():
             return here
         try:
-            gains = self.segments.gains(self.base, sizes)
+            gains = self.segments.gains(self.base, noise_levels)
         except (UserError, np.linalg.LinAlgError):
             return here
         costs = [np.inf if rows is None else rows @ rows for rows in (self.residuals(x, gains) for x in (here, given))]
@@ -220,11 +220,11 @@ class FitProblem:
         return self.segments.innovations
 
     def gauss_newton(
-        self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None
+        self, noise_levels: NoiseLevels, x: Floats, steps: int, near: dict[str, Floats] | None = None
     ) -> tuple[Floats, float]:
-        """(values at given sizes, sum of squares); infinite where the start does not stay finite."""
+        """(values at given noise levels, sum of squares); infinite where the start does not stay finite."""
         try:
-            gains = self.segments.gains(self.base, sizes)
+            gains = self.segments.gains(self.base, noise_levels)
         except (UserError, np.linalg.LinAlgError):
             return x, np.inf
         rows, damping = self.residuals(x, gains), 1e-3
@@ -268,31 +268,33 @@ class FitProblem:
                 J, fresh = self.step_jacobian(x, gains, rows), True
         return x, float(rows @ rows)
 
-    def solved(self, sizes: Sizes, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+    def solved(
+        self, noise_levels: NoiseLevels, steps: int, near: dict[str, Floats] | None = None
+    ) -> tuple[Floats, float]:
         """The same from the better start; from both where a parameter has left its tolerance.
 
         What is missing moves a parameter that is hardly known far away, and few steps do not bring it back.
         """
         both = (self.start(), np.zeros(len(self.free))) if np.abs(self.start()).max(initial=0.0) > 1.0 else (
-            self.better_start(sizes),)  # fmt: skip
-        return min((self.gauss_newton(sizes, x, steps, near) for x in both), key=lambda found: found[1])
+            self.better_start(noise_levels),)  # fmt: skip
+        return min((self.gauss_newton(noise_levels, x, steps, near) for x in both), key=lambda found: found[1])
 
-    def model(self, x: Floats, sizes: Sizes, likelihood: float) -> FittedModel:
+    def model(self, x: Floats, noise_levels: NoiseLevels, likelihood: float) -> FittedModel:
         """What came of a fit."""
         rig, beside = self.rig(x), self.prior_residuals(x)
         loss = likelihood + float(beside @ beside)
         gone = any(rig.effect(*key) is None for key in self.keys)
         at_end = gone or any(f.at_end(xi) for f, xi in zip(self.free, x, strict=True))
-        counts = self.degrees(x, sizes) if self.smooth else float(self.counts)
+        counts = self.degrees(x, noise_levels) if self.smooth else float(self.counts)
         score = loss + np.log(self.segments.count) * counts
         return FittedModel(
-            rig, self.keys, sizes, loss, counts, score, at_end, tuple(self.free), x, self.smooth, self.stiff
+            rig, self.keys, noise_levels, loss, counts, score, at_end, tuple(self.free), x, self.smooth, self.stiff
         )
 
-    def degrees(self, x: Floats, sizes: Sizes) -> float:
+    def degrees(self, x: Floats, noise_levels: NoiseLevels) -> float:
         """Degrees of freedom of what was added: of a table held back, the trace of what its values answer for."""
         total = float(sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors]))
-        gains = self.segments.gains(self.base, sizes)
+        gains = self.segments.gains(self.base, noise_levels)
         rows = self.residuals(x, gains)
         for key in self.keys:
             there = [j for j, f in enumerate(self.free) if f.key == key]
@@ -305,16 +307,16 @@ class FitProblem:
         return total
 
     def homotopy_fit(
-        self, sizes: Sizes, x: Floats | None = None, rungs: Sequence[float] = LADDER, steps: int = 5
+        self, noise_levels: NoiseLevels, x: Floats | None = None, rungs: Sequence[float] = LADDER, steps: int = 5
     ) -> FittedModel | None:
-        """Values at smaller sizes first, then sizes; None where nothing stays finite."""
+        """Values at smaller noise levels first, then noise levels; None where nothing stays finite."""
         x = self.start() if x is None else x
-        best: tuple[float, Floats, Sizes, float] | None = None
+        best: tuple[float, Floats, NoiseLevels, float] | None = None
         better = True
         for turn, share in enumerate(rungs):
             if turn and share < 1.0 and not better:
                 continue
-            at = self.segments.scaled(sizes, share)
+            at = self.segments.scaled(noise_levels, share)
             found, squares = self.gauss_newton(at, x, steps)
             better = False
             if not np.isfinite(squares):
@@ -326,7 +328,7 @@ class FitProblem:
             beside = self.prior_residuals(found)
             loss = likelihood + float(beside @ beside)
             if best is None or loss < best[0]:
-                better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
+                better, best, x, noise_levels = True, (loss, found, tuned, likelihood), found, tuned
         return None if best is None else self.model(*best[1:])
 
 
@@ -335,15 +337,14 @@ def step_in_box(gram: Floats, side: Floats) -> Floats:
 
     Raises LinAlgError where the model is not positive.
     """
-    step: Floats = -np.linalg.solve(gram, side)
+    step = np.asarray(-np.linalg.solve(gram, side), dtype=float)
     if np.abs(step).max() <= STEP_MAX:
         return step
     from scipy.optimize import lsq_linear
 
     root = np.linalg.cholesky(gram)
     box = -STEP_MAX, STEP_MAX
-    bounded: Floats = lsq_linear(root.T, -np.linalg.solve(root, side), box, method="bvls").x
-    return bounded
+    return np.asarray(lsq_linear(root.T, -np.linalg.solve(root, side), box, method="bvls").x, dtype=float)
 
 
 def secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
@@ -356,10 +357,12 @@ def secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
 
 
 def without_name(segments: Segments, model: FittedModel, key: Key) -> FittedModel:
-    """A model without one of its names, all else as it is, at the sizes that it then needs."""
+    """A model without one of its names, all else as it is, at the noise levels that it then needs."""
     rig = taken_out(model.rig, key)
     keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
-    return replace(model, rig=rig, keys=keys, sizes=segments.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
+    return replace(
+        model, rig=rig, keys=keys, noise_levels=segments.tuned(rig, model.noise_levels, steps=(2.0, 0.7), refresh=1)[0]
+    )
 
 
 def as_given(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel | None:
@@ -367,11 +370,14 @@ def as_given(segments: Segments, motion: Motion, model: FittedModel) -> FittedMo
     known = nominal_free(segments.nominal, model.rig, segments.recordings)
     rig = apply(model.rig, known, np.zeros(len(known)))
     problem = FitProblem(segments, rig, model.keys, motion, model.stiff, model.smooth, held=True)
-    found = [problem.homotopy_fit(sizes, None, (1.0, 0.1, 1.0)) for sizes in (model.sizes, segments.tuned(rig)[0])]
+    found = [
+        problem.homotopy_fit(noise_levels, None, (1.0, 0.1, 1.0))
+        for noise_levels in (model.noise_levels, segments.tuned(rig)[0])
+    ]
     return min((m for m in found if m is not None), key=lambda m: m.loss, default=None)
 
 
 def as_it_stands(segments: Segments, motion: Motion, model: FittedModel) -> FittedModel:
-    """A model at the values of its rig and the likeliest sizes, with priors as stiff as where names are compared."""
+    """A model at the values of its rig and the likeliest noise levels, with priors as where names are compared."""
     problem = FitProblem(segments, model.rig, model.keys, motion, STIFF, model.smooth)
-    return problem.model(problem.start(), *segments.tuned(model.rig, model.sizes))
+    return problem.model(problem.start(), *segments.tuned(model.rig, model.noise_levels))

@@ -1,8 +1,8 @@
 """Models compared over stretches of a recording, at a short horizon of the predictor and at a long one.
 
 A wrong law has systematic errors: it may lead at one horizon and lose at another. So each model is fitted anew and
-compared in three views: at the tuned sizes of what is unknown (short); at smaller unknown forces, which correct the
-prediction less (long); and there once more, whitened by what the judged model leaves (white). The long horizon is the
+compared in three views: at the tuned noise levels (short); at smaller unknown forces, which correct the prediction
+less (long); and there once more, whitened by what the judged model leaves (white). The long horizon is the
 longest one that the judged model can follow: a free rotor drifts through whole turns if nothing corrects it, and a law
 over its position has lost its phase long before.
 """
@@ -18,7 +18,7 @@ from dtbacklash.diagnosis.engine.attempts import attempt
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.predictor import Gains
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.physics.effects.declare import Role
 
 VIEWS = SHORT, LONG, WHITE = ("short", "long", "white")
@@ -65,7 +65,7 @@ class Horizons:
         self.reference = attempt(self._measured, model, self._longest)
 
     def squares(self, m: FittedModel) -> Squares | None:
-        """A model in the three views, fitted anew at the sizes of the judged one; None where it does not follow."""
+        """A model in the three views, fitted anew at the judged one's noise levels; None where it does not follow."""
         return self._measured(m, self._as_long)
 
     def _measured(self, m: FittedModel, lengthen: Callable[[FitProblem, Fit], Fit | None]) -> Squares | None:
@@ -80,11 +80,11 @@ class Horizons:
         return Squares({view: self._sums(one) for view, one in rows.items()}, float(fit[1] @ fit[1]))
 
     def _fitted(self, problem: FitProblem, x: Floats, share: float, steps: int) -> Fit | None:
-        sizes: Sizes = self.segments.scaled(self.model.sizes, share)
-        x, squares = problem.gauss_newton(sizes, x, steps)
+        noise_levels: NoiseLevels = self.segments.scaled(self.model.noise_levels, share)
+        x, squares = problem.gauss_newton(noise_levels, x, steps)
         if not np.isfinite(squares):
             return None
-        gains = self.segments.gains(problem.base, sizes)
+        gains = self.segments.gains(problem.base, noise_levels)
         rows = problem.residuals(x, gains)
         return None if rows is None else (x, rows, gains)
 

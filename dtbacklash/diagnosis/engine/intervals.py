@@ -75,7 +75,7 @@ class Values:
 def values(segments: Segments, motion: Motion, model: FittedModel) -> Values:
     """What the values of a model may be off by; nominal parameters are believed as they are given."""
     problem = _problem(segments, motion, model, 1.0)
-    x, gains = problem.start(), segments.gains(model.rig, model.sizes)
+    x, gains = problem.start(), segments.gains(model.rig, model.noise_levels)
     rows = problem.residuals(x, gains)
     if rows is None or not problem.free:
         nothing = np.zeros(0) if rows is None else rows
@@ -132,7 +132,7 @@ def _over_horizons(segments: Segments, motion: Motion, model: FittedModel, found
     that no scatter shows it, but it pulls more the less the readings correct the rig.
     """
     problem = _problem(segments, motion, model, model.stiff)
-    far, squares = problem.gauss_newton(segments.scaled(model.sizes, LADDER[0]), found.x, 2)
+    far, squares = problem.gauss_newton(segments.scaled(model.noise_levels, LADDER[0]), found.x, 2)
     if not found.errors or not np.isfinite(squares):
         return found
     covariance = found.covariance + np.outer(far - found.x, far - found.x)
@@ -193,8 +193,8 @@ class Profiles:
             if [f.title for f in problem.free] != [f.title for f in free]:
                 return math.inf  # the effect is nothing there
             problem.hold(j)
-            _, squares = problem.gauss_newton(model.sizes, np.delete(x, j), PROFILE_STEPS)
-            logs = sum(g.logs for g in self.segments.gains(problem.base, model.sizes))
+            _, squares = problem.gauss_newton(model.noise_levels, np.delete(x, j), PROFILE_STEPS)
+            logs = sum(g.logs for g in self.segments.gains(problem.base, model.noise_levels))
         except (UserError, np.linalg.LinAlgError):
             return math.inf
         return squares + logs + (float(x[j]) ** 2 if free[j].prior else 0.0)
@@ -222,11 +222,11 @@ def _at(problem: FitProblem, model: FittedModel, x: Floats) -> FittedModel | Non
     segments = problem.segments
     try:
         rig = problem.rig(x)
-        gains = segments.gains(rig, model.sizes)
+        gains = segments.gains(rig, model.noise_levels)
         likelihood = sum(p.likelihood(rig, g) for p, g in zip(segments.predictors, gains, strict=True))
     except (UserError, np.linalg.LinAlgError):
         return None
-    return problem.model(x, model.sizes, likelihood)
+    return problem.model(x, model.noise_levels, likelihood)
 
 
 def stretches(segments: Segments, number: int = STRETCHES) -> list[slice]:

@@ -2,7 +2,7 @@
 
 Between two samples the simulated rig advances, laws, contacts and all; at each sample its state is corrected by
 ``x += K (y - y^)``. ``K`` is the gain of the linear plant with an unknown white force at each body and white noise on
-each sensor. Their sizes are found by the likelihood of the innovations ``e`` with covariance ``S``,
+each sensor. Their noise levels are found by the likelihood of the innovations ``e`` with covariance ``S``,
 
     -2 log L = sum over the samples of log det S + e' S^-1 e
 
@@ -29,7 +29,7 @@ from dtbacklash.physics.rig import Rig
 #: what laws add to the linear recursion along a pass: A, C, drive (N, n), readings, first state, and the linear part
 Known = tuple[Floats, Floats, Floats, Floats, Floats, Linear]
 
-#: where the search for the sizes of unknown forces begins, and between which it looks (shares of what acts)
+#: where the search for the noise levels of unknown forces begins, and between which it looks (shares of what acts)
 FORCE_START, FORCE_ENDS = 0.03, (1e-8, 30.0)
 #: a sensor's noise lies between these, relative to what its readings show (ratio); ripple and counts do not average out
 NOISE_ENDS = (np.exp(-1.0), np.exp(0.4))
@@ -54,7 +54,7 @@ class Gains:
     opening: int
     logs: float
     states: tuple[str, ...]
-    sizes: Floats
+    noise_levels: Floats
 
 
 class Predictor:
@@ -63,8 +63,8 @@ class Predictor:
     Attributes
     ----------
     simulated : what simulates it. readings : its stretch. linear : of the nominal rig. bodies : where forces may be
-    unknown. force : (bodies,) the largest of what acts on each, rms, N or N m: what sizes are shares of. sizes are
-    (bodies + channels,) logarithms of unknown forces over these, and of noises, SI.
+    unknown. force : (bodies,) the largest of what acts on each, rms, N or N m. Noise levels are (bodies + channels,)
+    logarithms: of unknown forces over these forces, and of the sensors' noises, SI.
     """
 
     def __init__(self, rig: Rig, simulated: Simulator) -> None:
@@ -77,9 +77,9 @@ class Predictor:
         self.spread: dict[str, float] = {}
         self._leads: dict[str, Floats] = {}
         self.force = self.linear.inertia * self._rough_speed(rig)
-        sizes = self.first_sizes()
+        noise_levels = self.first_noise_levels()
         for _ in range(2):
-            gains = self.gains(rig, sizes)
+            gains = self.gains(rig, noise_levels)
             found = self.run(rig, gains)
             if not np.isfinite(found.X).all():
                 break
@@ -123,12 +123,12 @@ class Predictor:
         acting = Trajectory(rig, self.linear, X[:, : len(self.linear.states)], r.u, r.sample_time_s, loads=loads).acting
         return np.array([acting[body] for body in self.bodies])
 
-    def first_sizes(self) -> Floats:
-        """Where a search for sizes begins."""
+    def first_noise_levels(self) -> Floats:
+        """Where a search for noise levels begins."""
         return np.concatenate([np.full(len(self.bodies), np.log(FORCE_START)), self.nominal_noise])
 
     def ends(self) -> tuple[Floats, Floats]:
-        """Between which sizes are looked for."""
+        """Between which noise levels are looked for."""
         most = AVERAGED_NOISE if self.readings.every > 1 else NOISE_ENDS[1]
         low = np.concatenate(
             [np.full(len(self.bodies), np.log(FORCE_ENDS[0])), self.nominal_noise + np.log(NOISE_ENDS[0])]
@@ -136,26 +136,28 @@ class Predictor:
         high = np.concatenate([np.full(len(self.bodies), np.log(FORCE_ENDS[1])), self.nominal_noise + np.log(most)])
         return low, high
 
-    def scaled(self, sizes: Floats, factor: float) -> Floats:
+    def scaled(self, noise_levels: Floats, factor: float) -> Floats:
         """Sizes with other unknown forces."""
-        other = sizes.copy()
+        other = noise_levels.copy()
         n = len(self.bodies)
         other[:n] = np.maximum(other[:n] + np.log(factor), np.log(FORCE_ENDS[0]))
         return other
 
-    def unknown(self, sizes: Floats) -> dict[str, float]:
+    def unknown(self, noise_levels: Floats) -> dict[str, float]:
         """Body -> its unknown force, a share of what acts there."""
-        return dict(zip(self.bodies, np.exp(sizes[: len(self.bodies)]).tolist(), strict=True))
+        return dict(zip(self.bodies, np.exp(noise_levels[: len(self.bodies)]).tolist(), strict=True))
 
-    def gains(self, rig: Rig, sizes: Floats, linear: Linear | None = None, contact: bool = False) -> Gains:
-        """The gains of a rig's linear part at these sizes; contact : those in contact only, for both modes."""
+    def gains(self, rig: Rig, noise_levels: Floats, linear: Linear | None = None, contact: bool = False) -> Gains:
+        """The gains of a rig's linear part at these noise levels; contact : those in contact only, for both modes."""
         L = linear or self.simulated.linear(rig)
         n, known = len(L.states), [L.bodies.index(b) for b in self.bodies if b in L.bodies]
         q = (
-            np.array([np.exp(s) * f for s, f, b in zip(sizes, self.force, self.bodies, strict=False) if b in L.bodies])
+            np.array(
+                [np.exp(s) * f for s, f, b in zip(noise_levels, self.force, self.bodies, strict=False) if b in L.bodies]
+            )
             ** 2
         )
-        R = np.diag(np.exp(2.0 * sizes[len(self.bodies) :]))
+        R = np.diag(np.exp(2.0 * noise_levels[len(self.bodies) :]))
         r, at_once = self.readings, bool(L.D.any())
         n0 = r.opening if self.spread or r.seldom else 0
         there = self.simulated.there(rig)[:n0] if r.seldom else r.there[:n0]
@@ -181,7 +183,7 @@ class Predictor:
             Ws.append(np.concatenate([W, np.array([w for _, w, _ in steady])]))
             logs = first + float(sum(count * log for count, (_, _, log) in zip(counts, steady, strict=True)))
         K, W = np.array(Ks * (3 - len(modes))), np.array(Ws * (3 - len(modes)))
-        return Gains(np.ascontiguousarray(K), np.ascontiguousarray(W), n0, logs, L.states, sizes)
+        return Gains(np.ascontiguousarray(K), np.ascontiguousarray(W), n0, logs, L.states, noise_levels)
 
     def run(self, rig: Rig, gains: Gains) -> Pass:
         """A pass of a rig; where it has other states than the gains were made for, or filters, they are made anew.
@@ -198,13 +200,13 @@ class Predictor:
             return replace(found, E=np.exp(logs) * found.E) if logs else found
 
     def _own_gains(self, rig: Rig, gains: Gains) -> Gains:
-        """The gains, or where a rig has filters or other states than they were made for, its own at the same sizes."""
+        """The gains, or where a rig has filters or other states than they are for, its own at the same noise levels."""
         slots_there = _slots(rig)
         if not any(slot.adds_states for slot in slots_there):
             return gains
         L = self.simulated.linear(rig)
         filtered = any(isinstance(slot, Filter) for slot in slots_there)
-        return self.gains(rig, gains.sizes, L) if filtered or L.states != gains.states else gains
+        return self.gains(rig, gains.noise_levels, L) if filtered or L.states != gains.states else gains
 
     def errors(self, rig: Rig, gains: Gains) -> Floats:
         """(N, m) innovations as they were read, NaN where there is none, infinite where they do not stay finite."""
@@ -258,16 +260,16 @@ class Predictor:
         return {title: driven(*there, which, led[title][:n], none, ~r.there) for title in moved}
 
     def tuned(
-        self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2
+        self, rig: Rig, noise_levels: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2
     ) -> tuple[Floats, float]:
-        """(sizes that make a rig's innovations likeliest, -2 log likelihood).
+        """(noise levels that make a rig's innovations likeliest, -2 log likelihood).
 
         A pattern search on a linear recursion, in which what laws add along the last pass is taken as given; made anew
         at its end, and ended where that brings no more.
         """
         low, high = self.ends()
-        scan = sizes is None
-        x = self.first_sizes() if sizes is None else np.clip(sizes, low, high)
+        scan = noise_levels is None
+        x = self.first_noise_levels() if noise_levels is None else np.clip(noise_levels, low, high)
         best: tuple[Floats, float] | None = None
         for turn in range(refresh + 1):
             known = self._recorded(rig, x)
@@ -298,9 +300,9 @@ class Predictor:
     def _cost(self, rig: Rig, known: Known) -> Callable[[Floats], float]:
         A, C, drive, Y, first, L = known
 
-        def cost(sizes: Floats) -> float:
+        def cost(noise_levels: Floats) -> float:
             try:
-                gains = self.gains(rig, sizes, L, contact=True)
+                gains = self.gains(rig, noise_levels, L, contact=True)
             except np.linalg.LinAlgError:
                 return LOST
             K = gains.K[1]
@@ -310,11 +312,11 @@ class Predictor:
 
         return cost
 
-    def _recorded(self, rig: Rig, sizes: Floats) -> Known | None:
+    def _recorded(self, rig: Rig, noise_levels: Floats) -> Known | None:
         """What laws add to the linear recursion along a pass: A, C, drive (N, n), readings, first state."""
         L = self.simulated.linear(rig)
         try:
-            gains = self.gains(rig, sizes, L)
+            gains = self.gains(rig, noise_levels, L)
         except np.linalg.LinAlgError:
             return None
         found = self.simulated.observe(rig, gains.K, gains.W, gains.opening)

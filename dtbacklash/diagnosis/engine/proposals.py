@@ -20,7 +20,7 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 if TYPE_CHECKING:
     from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 
-#: sizes at which columns are looked at as well while much is unknown (shares)
+#: noise levels at which columns are looked at as well while much is unknown (shares)
 STRICT = (0.1, 0.01)
 #: so many names that the beginning says most for are looked at on all
 PROMISING = 12
@@ -33,7 +33,7 @@ def propose(
     quick: bool = False,
     alone: bool = False,
 ) -> list[tuple[Rig, tuple[Key, ...]]]:
-    """Rigs to try: the best singles and pairs of columns, at the present sizes and at smaller ones.
+    """Rigs to try: the best singles and pairs of columns, at the present noise levels and at smaller ones.
 
     alone : see :class:`.candidates.CandidateSensitivities`.
     """
@@ -49,7 +49,7 @@ def propose(
         if segments is search.quick and share == 1.0 and not without and not alone:
             columns = search.on_beginning(model)[-1]
         else:
-            at = search.segments.of_first(model.sizes) if segments is search.quick else model.sizes
+            at = search.segments.of_first(model.noise_levels) if segments is search.quick else model.noise_levels
             columns = attempt(
                 CandidateSensitivities, segments, model, segments.scaled(at, share), without, alone=alone,
                 only=None if segments is search.quick else _promising(search, model),
@@ -102,9 +102,9 @@ def alternatives_to(search: StepwiseSelection, less: FittedModel, key: Key, best
     bare = replace(search.now, rig=taken_out(search.now.rig, key), keys=less.keys)
     mine, proposals = ".".join(key) + ".", []
     if any(title.startswith(mine) for there in search.now.rig.own for title in there):
-        search.look_at(less.sizes)  # one recording alone may show it, and others have sizes of their own as well
+        search.look_at(less.noise_levels)  # one recording alone may show it, and others have sizes of their own as well
         for m in (bare, less):
-            columns = CandidateSensitivities(search.segments, m, m.sizes, (key,), alone=m is bare)
+            columns = CandidateSensitivities(search.segments, m, m.noise_levels, (key,), alone=m is bare)
             found = named_apart(search.segments, m, columns.differing()[: best + 1])
             proposals += [(rig, keys) for *_, rig, keys in found]
     else:

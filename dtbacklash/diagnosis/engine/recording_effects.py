@@ -132,7 +132,7 @@ def alike(search: StepwiseSelection) -> None:
 def differing(segments: Segments, model: FittedModel, motion: Motion) -> list[tuple[float, str]]:
     """(fall of -2 log likelihood less what it costs, title) of what may differ between recordings, best first."""
     problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
-    x, gains = problem.start(), segments.gains(model.rig, model.sizes)
+    x, gains = problem.start(), segments.gains(model.rig, model.noise_levels)
     rows = problem.residuals(x, gains)
     if rows is None or len(segments.recordings) < 2:
         return []

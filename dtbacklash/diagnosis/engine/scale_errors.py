@@ -13,7 +13,7 @@ import numpy as np
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.parameters import Key, nominal_free, taken_out
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
 from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.diagnosis.settings import DiagnoseSettings
@@ -40,7 +40,7 @@ class ScaleError:
     key: Key
     factor: float
     rig: Rig
-    sizes: Sizes
+    noise_levels: NoiseLevels
     loss: float
 
 
@@ -61,61 +61,68 @@ def begin(segments: Segments, rules: DiagnoseSettings) -> ScaleError | None:
 
 
 def numbers_instead(
-    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, worth: float
+    segments: Segments, noise_levels: NoiseLevels, model: FittedModel, motion: Motion, worth: float
 ) -> list[ScaleError]:
     """Parameters of the rig that, off by the factor of a gain of a model, do what it does; all else fitted anew.
 
-    sizes : of the model, on these segments. A gain that is off by less than a radius for a diameter has none.
+    noise_levels : of the model, on these segments. A gain that is off by less than a radius for a diameter has none.
     """
     found: list[ScaleError] = []
     for key in model.keys:
         times = 1.0 + model.rig.effects[key[0]][key[1]]["relative"] if key[1] == GAIN else 1.0
         if abs(np.log(times)) < LEAST:
             continue
-        with_gain = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0,))
+        with_gain = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(
+            noise_levels, None, (1.0,)
+        )
         bare = replace(model, rig=taken_out(model.rig, key), keys=tuple(k for k in model.keys if k != key))
         for name in _numbers(segments, segments.nominal) if with_gain else ():
             for factor in (times, 1.0 / times):
-                m = _with_number(segments, sizes, bare, motion, name, factor)
+                m = _with_number(segments, noise_levels, bare, motion, name, factor)
                 if m is not None and with_gain is not None and m.loss < with_gain.loss + worth * segments.count:
-                    found.append(ScaleError(("", name), factor, m.rig, m.sizes, m.loss))
+                    found.append(ScaleError(("", name), factor, m.rig, m.noise_levels, m.loss))
     return sorted(found, key=lambda one: one.loss)
 
 
 def numbers_suspected(
-    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, rules: DiagnoseSettings, begun: Rig
+    segments: Segments,
+    noise_levels: NoiseLevels,
+    model: FittedModel,
+    motion: Motion,
+    rules: DiagnoseSettings,
+    begun: Rig,
 ) -> list[ScaleError]:
     """Parameters of the rig that explain more, off by a factor, than the names of a model do, the likeliest first.
 
     The rig with such a number, the names fitted anew or gone, has to be likelier than the model by what a name earns,
-    and to leave less unknown force. sizes : of the model, here. begun : the rig from which the search began.
+    and to leave less unknown force. noise_levels : of the model, here. begun : the rig from which the search began.
     """
     suspects = near_best(segments, numbers_off(segments, begun, rules), rules.min_gain)
     if not suspects or not model.keys:
         return suspects
-    named = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0,))
+    named = FitProblem(segments, model.rig, model.keys, motion, model.stiff).homotopy_fit(noise_levels, None, (1.0,))
     if named is None:
         return suspects
     found, alone = [], replace(model, rig=begun, keys=())
     for one in suspects:
-        fits = [_with_number(segments, one.sizes, m, motion, one.key[1], one.factor) for m in (model, alone)]
+        fits = [_with_number(segments, one.noise_levels, m, motion, one.key[1], one.factor) for m in (model, alone)]
         best = min((m for m in fits if m is not None), key=lambda m: m.score, default=None)
-        if best is None or segments.most_unknown(best.sizes) > segments.most_unknown(named.sizes):
+        if best is None or segments.most_unknown(best.noise_levels) > segments.most_unknown(named.noise_levels):
             continue
         if best.score < named.score - rules.min_gain * segments.count:
-            found.append(replace(one, rig=best.rig, sizes=best.sizes, loss=best.loss))
+            found.append(replace(one, rig=best.rig, noise_levels=best.noise_levels, loss=best.loss))
     return found
 
 
 def _with_number(
-    segments: Segments, sizes: Sizes, model: FittedModel, motion: Motion, name: str, factor: float
+    segments: Segments, noise_levels: NoiseLevels, model: FittedModel, motion: Motion, name: str, factor: float
 ) -> FittedModel | None:  # fmt: skip
     """A model with a parameter of the rig off by a factor, fitted anew; None where that is no rig."""
     away = {name: factor * segments.nominal.config.parameters[name].value}
     try:
         there = replace(segments, nominal=segments.nominal.with_parameters(away))
         rig = model.rig.with_parameters(away)
-        return FitProblem(there, rig, model.keys, motion, model.stiff).homotopy_fit(sizes, None, (1.0, 0.1, 1.0))
+        return FitProblem(there, rig, model.keys, motion, model.stiff).homotopy_fit(noise_levels, None, (1.0, 0.1, 1.0))
     except (UserError, np.linalg.LinAlgError):
         return None
 
@@ -149,8 +156,8 @@ def numbers_off(
     segments: Segments, rig: Rig, rules: DiagnoseSettings, factors: Collection[float] = NUMBERS
 ) -> list[ScaleError]:
     """The same of the rig's parameters; or those that earn what a name does, and clear the unknown force as it does."""
-    sizes, before = segments.tuned(rig)
-    little, earned = rules.clearing_ratio * segments.most_unknown(sizes), rules.min_gain * segments.count
+    noise_levels, before = segments.tuned(rig)
+    little, earned = rules.clearing_ratio * segments.most_unknown(noise_levels), rules.min_gain * segments.count
     best: dict[Key, ScaleError] = {}
     ways = sorted({way for one in factors for way in (one, 1.0 / one)})
     asked = [
@@ -161,12 +168,12 @@ def numbers_off(
             best[one.key] = _likelier(best.get(one.key), one)
     return [
         one for one in best.values() if before - one.loss > _mostly(segments, before)
-        or (segments.most_unknown(one.sizes) < little and before - one.loss > earned)
+        or (segments.most_unknown(one.noise_levels) < little and before - one.loss > earned)
     ]  # fmt: skip
 
 
 def _off(segments: Segments, key: Key, factor: float, other: Rig) -> ScaleError | None:
-    """What is off by a factor, with zeros and sizes anew; None where the rig cannot be so."""
+    """What is off by a factor, with zeros and noise levels anew; None where the rig cannot be so."""
     try:
         there = zeroed(segments, other)
         return ScaleError(key, factor, there, *segments.tuned(there))

@@ -13,7 +13,7 @@ from dtbacklash.diagnosis.engine.attempts import attempt, attempts
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.parameters import Key, taken_out
 from dtbacklash.diagnosis.engine.predictor import LOST
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -21,9 +21,9 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 if TYPE_CHECKING:
     from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 
-#: a rig that was fitted quickly: squares with their cost, what was fitted, values; then score, rig, names, sizes
+#: a rig that was fitted quickly: squares with their cost, what was fitted, values; then score, rig, names, noise levels
 _Rough = tuple[float, FitProblem, Floats]
-_Tuned = tuple[float, Rig, tuple[Key, ...], Sizes]
+_Tuned = tuple[float, Rig, tuple[Key, ...], NoiseLevels]
 
 
 def screen(
@@ -40,9 +40,13 @@ def screen(
     if not proposals:
         return []
     quick, n = search.quick, np.log(search.quick.count)
-    sizes = search.segments.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
+    noise_levels = (
+        search.segments.of_first(model.noise_levels)
+        if len(model.noise_levels) != len(quick.predictors)
+        else model.noise_levels
+    )
     most = search.unknown(model)
-    strict = quick.scaled(sizes, 0.1 if most > search.rules.unexplained_attention else 1.0)
+    strict = quick.scaled(noise_levels, 0.1 if most > search.rules.unexplained_attention else 1.0)
     near = attempt(_nominal_columns, search, model, strict) or {}
 
     def solved(one: tuple[Rig, tuple[Key, ...]]) -> _Rough | None:
@@ -55,9 +59,9 @@ def screen(
         rig = problem.rig(x)
         if any(rig.effect(*key) is None for key in problem.keys):
             return None  # it came to nothing
-        sizes, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
+        noise_levels, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
         beside = problem.prior_residuals(x)
-        return likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, sizes
+        return likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, noise_levels
 
     rough = sorted(attempts(solved, proposals), key=lambda r: r[0])
     gone = search.rejected | ({instead} if instead else set())
@@ -75,9 +79,11 @@ def screen(
     simple = [s for s in second if len(s[2]) == few][:1] if all(len(s[2]) > few for s in near_best) else []
 
     def climbed(one: _Tuned) -> FittedModel | None:
-        _, rig, keys, sizes = one
-        rungs = (0.1, 0.1, 1.0) if quick.most_unknown(sizes) > 3e-3 else (1.0,)
-        return FitProblem(quick, rig, keys, search.motion, model.stiff, model.smooth).homotopy_fit(sizes, None, rungs)
+        _, rig, keys, noise_levels = one
+        rungs = (0.1, 0.1, 1.0) if quick.most_unknown(noise_levels) > 3e-3 else (1.0,)
+        return FitProblem(quick, rig, keys, search.motion, model.stiff, model.smooth).homotopy_fit(
+            noise_levels, None, rungs
+        )
 
     first = near_best + simple
     some: list[FittedModel] = []
@@ -94,8 +100,8 @@ def screen(
 
 def _fit_on_all(search: StepwiseSelection, m: FittedModel, model: FittedModel, small: bool) -> list[FittedModel]:
     """A proposed model fitted on all, without what is too small a law beside the model; none where that is all."""
-    other = len(m.sizes) != len(model.sizes)
-    start = replace(m, sizes=search.segments.back(m.sizes, model.sizes)) if other else m
+    other = len(m.noise_levels) != len(model.noise_levels)
+    start = replace(m, noise_levels=search.segments.back(m.noise_levels, model.noise_levels)) if other else m
     done = search.fitted(m.rig, start, m.keys, steps=4)
     while done is not None and not done.at_end:
         # what takes the unknown force away is never too small
@@ -112,10 +118,10 @@ def _fit_on_all(search: StepwiseSelection, m: FittedModel, model: FittedModel, s
     return []
 
 
-def _nominal_columns(search: StepwiseSelection, model: FittedModel, sizes: Sizes) -> dict[str, Floats]:
+def _nominal_columns(search: StepwiseSelection, model: FittedModel, noise_levels: NoiseLevels) -> dict[str, Floats]:
     """Nominal columns around a model on the beginning."""
     problem = FitProblem(search.quick, model.rig, model.keys, search.motion, model.stiff, model.smooth)
-    gains = search.quick.gains(model.rig, sizes)
+    gains = search.quick.gains(model.rig, noise_levels)
     x = problem.start()
     rows = problem.residuals(x, gains)
     if rows is None:
@@ -167,7 +173,7 @@ def share_of(segments: Segments, model: FittedModel, key: Key) -> float:
     most = 0.0
     try:
         bare = taken_out(model.rig, key)
-        all_gains = segments.gains(model.rig, model.sizes)
+        all_gains = segments.gains(model.rig, model.noise_levels)
     except UserError:
         return np.inf
     except np.linalg.LinAlgError:

@@ -15,13 +15,13 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 #: share of the unknown forces at which it is asked whether steps are fine enough
 STRICT = 0.1
 
-#: sizes of unknown forces and noises of each stretch
-Sizes = tuple[Floats, ...]
+#: noise levels of unknown forces and noises of each stretch
+NoiseLevels = tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Predictors of one rig, a stretch each; their rows are stacked, their sizes are their own.
+    """Predictors of one rig, a stretch each; their rows are stacked, their noise levels are their own.
 
     telling : the stretch on whose beginning quick fits are made.
     """
@@ -72,23 +72,23 @@ class Segments:
         """Of the nominal rig, on the first stretch."""
         return self.predictors[0].linear
 
-    def most_telling(self, sizes: Sizes) -> int:
+    def most_telling(self, noise_levels: NoiseLevels) -> int:
         """The stretch that says most of what is missing: by its unknown force, times its readings."""
-        each = [max(p.unknown(s).values()) * p.count for p, s in zip(self.predictors, sizes, strict=True)]
+        each = [max(p.unknown(s).values()) * p.count for p, s in zip(self.predictors, noise_levels, strict=True)]
         return each.index(max(each))
 
     def first(self, share: float) -> "Segments":
         """The beginning of the telling stretch, for quick fits."""
         return Segments(self.nominal, (self.predictors[self.telling].first(share),))
 
-    def of_first(self, sizes: Sizes) -> Sizes:
-        """The sizes that belong to :meth:`first`."""
-        return (sizes[self.telling],)
+    def of_first(self, noise_levels: NoiseLevels) -> NoiseLevels:
+        """The noise levels that belong to :meth:`first`."""
+        return (noise_levels[self.telling],)
 
-    def back(self, sizes: Sizes, before: Sizes) -> Sizes:
+    def back(self, noise_levels: NoiseLevels, before: NoiseLevels) -> NoiseLevels:
         """Sizes for all from those of :meth:`first`: unknown forces changed alike."""
         n = len(self.linear.bodies)
-        by = sizes[0][:n] - before[self.telling][:n]
+        by = noise_levels[0][:n] - before[self.telling][:n]
         return tuple(np.concatenate([s[:n] + by, s[n:]]) for s in before)
 
     @property
@@ -97,13 +97,13 @@ class Segments:
         each = (p.readings.there.sum(axis=0) @ (2.0 * p.nominal_noise + 1.0) for p in self.predictors)
         return float(sum(each))
 
-    def gains(self, rig: Rig, sizes: Sizes) -> list[Gains]:
+    def gains(self, rig: Rig, noise_levels: NoiseLevels) -> list[Gains]:
         """Of each stretch."""
-        return [p.gains(rig, s) for p, s in zip(self.predictors, sizes, strict=True)]
+        return [p.gains(rig, s) for p, s in zip(self.predictors, noise_levels, strict=True)]
 
-    def scaled(self, sizes: Sizes, factor: float) -> Sizes:
+    def scaled(self, noise_levels: NoiseLevels, factor: float) -> NoiseLevels:
         """Sizes with other unknown forces."""
-        return tuple(p.scaled(s, factor) for p, s in zip(self.predictors, sizes, strict=True))
+        return tuple(p.scaled(s, factor) for p, s in zip(self.predictors, noise_levels, strict=True))
 
     def residuals(
         self, rig: Rig, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
@@ -142,7 +142,7 @@ class Segments:
             return self
         return replace(self, predictors=tuple(p.stepping(finely=False) for p in self.predictors))
 
-    def refine(self, rig: Rig, sizes: Sizes, worth: float) -> bool:
+    def refine(self, rig: Rig, noise_levels: NoiseLevels, worth: float) -> bool:
         """Simulate in finer steps from now on, if that changes innovations by so much; whether it does.
 
         worth : sum of squares.
@@ -150,7 +150,7 @@ class Segments:
         coarse = [p.simulated for p in self.predictors if not p.simulated.finely]
         if not coarse:
             return False
-        gains = self.gains(rig, self.scaled(sizes, STRICT))  # what is rough makes forces seem unknown
+        gains = self.gains(rig, self.scaled(noise_levels, STRICT))  # what is rough makes forces seem unknown
         rough = self.residuals(rig, gains)
         for simulated in coarse:
             simulated.finely = True
@@ -161,21 +161,21 @@ class Segments:
             simulated.finely = False
         return False
 
-    def tuned(self, rig: Rig, sizes: Sizes | None = None, **how: object) -> tuple[Sizes, float]:
+    def tuned(self, rig: Rig, noise_levels: NoiseLevels | None = None, **how: object) -> tuple[NoiseLevels, float]:
         """Sizes that make a rig likeliest, and -2 log likelihood."""
         each = spread(
-            lambda k: self.predictors[k].tuned(rig, None if sizes is None else sizes[k], **how),  # type: ignore[arg-type]
+            lambda k: self.predictors[k].tuned(rig, None if noise_levels is None else noise_levels[k], **how),  # type: ignore[arg-type]
             range(len(self.predictors)),
         )
         return tuple(s for s, _ in each), min(sum(v for _, v in each), LOST)
 
-    def unknown(self, sizes: Sizes) -> dict[str, float]:
+    def unknown(self, noise_levels: NoiseLevels) -> dict[str, float]:
         """Body -> its unknown force, a share of what acts there, rms over the stretches."""
         weights = np.array([p.count for p in self.predictors], dtype=float)
-        squares = np.array([np.exp(2.0 * s[: len(self.linear.bodies)]) for s in sizes])
+        squares = np.array([np.exp(2.0 * s[: len(self.linear.bodies)]) for s in noise_levels])
         mean = np.sqrt(weights @ squares / weights.sum())
         return dict(zip(self.linear.bodies, mean.tolist(), strict=True))
 
-    def most_unknown(self, sizes: Sizes) -> float:
+    def most_unknown(self, noise_levels: NoiseLevels) -> float:
         """The largest of these."""
-        return max(self.unknown(sizes).values())
+        return max(self.unknown(noise_levels).values())

@@ -21,7 +21,7 @@ from dtbacklash.diagnosis.engine.proposals import alternatives_to, propose
 from dtbacklash.diagnosis.engine.recording_effects import alike, differ
 from dtbacklash.diagnosis.engine.scale_errors import ScaleError
 from dtbacklash.diagnosis.engine.screening import screen
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.settings import SETTINGS, DiagnoseSettings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find, simpler
@@ -76,12 +76,12 @@ class StepwiseSelection:
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
         rig = self.segments.nominal
-        sizes, _ = self.segments.tuned(rig)
-        self.look_at(sizes)
+        noise_levels, _ = self.segments.tuned(rig)
+        self.look_at(noise_levels)
         far = self.begin.rig if self.begin else rig
-        at = self.segments.tuned(far)[0] if self.begin else sizes
+        at = self.segments.tuned(far)[0] if self.begin else noise_levels
         self.motion: Motion = motion_of(self.segments, far, self.segments.gains(far, at))
-        found = FitProblem(self.segments, rig, (), self.motion).homotopy_fit(sizes, None, (1.0,), 6)
+        found = FitProblem(self.segments, rig, (), self.motion).homotopy_fit(noise_levels, None, (1.0,), 6)
         if found is None:
             raise UserError("recording", "", "the nominal rig does not follow it: its simulation does not stay finite")
         self.nothing = self.now = self.names = found
@@ -126,17 +126,17 @@ class StepwiseSelection:
         beginning, kept = self.segments.predictors[self.segments.telling], self.first_columns
         if kept and kept[0] is model and kept[1] is beginning:
             return kept
-        columns = attempt(CandidateSensitivities, self.quick, model, self.segments.of_first(model.sizes))
+        columns = attempt(CandidateSensitivities, self.quick, model, self.segments.of_first(model.noise_levels))
         return model, beginning, columns
 
-    def look_at(self, sizes: Sizes) -> None:
-        """Make quick fits on the stretch that says most of what is missing, at these sizes."""
-        self.segments = replace(self.segments, telling=self.segments.most_telling(sizes))
+    def look_at(self, noise_levels: NoiseLevels) -> None:
+        """Make quick fits on the stretch that says most of what is missing, at these noise levels."""
+        self.segments = replace(self.segments, telling=self.segments.most_telling(noise_levels))
         self.quick = self.segments.first(SHARE)
 
     def unknown(self, model: FittedModel) -> float:
         """The largest unknown force of a model, a share of the motion."""
-        return self.segments.most_unknown(model.sizes)
+        return self.segments.most_unknown(model.noise_levels)
 
     def explains(self, model: FittedModel) -> bool:
         """Whether a model explains most of what was unknown before, or leaves hardly anything."""
@@ -145,7 +145,7 @@ class StepwiseSelection:
         )
 
     def far(self, model: FittedModel) -> bool:
-        """Whether much is unexplained, so that smaller sizes see more than the present ones."""
+        """Whether much is unexplained, so that smaller noise levels see more than the present ones."""
         left = self.unknown(model)
         if not model.keys:
             return left > 3e-4
@@ -160,24 +160,24 @@ class StepwiseSelection:
         steps: int = 3,
         stiff: float | None = None,
     ) -> FittedModel | None:
-        """A rig with these names fitted on all, from the sizes of a model."""
+        """A rig with these names fitted on all, from the noise levels of a model."""
         given = self.segments, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth
-        found = attempt(lambda: FitProblem(*given).homotopy_fit(model.sizes, None, rungs, steps))
+        found = attempt(lambda: FitProblem(*given).homotopy_fit(model.noise_levels, None, rungs, steps))
         if found is not None:
             key = tuple(sorted(found.keys))
             self.tried[key] = min(self.tried.get(key, np.inf), found.score)
         return found
 
     def without(self, model: FittedModel, key: Key, steps: int = 3, stiff: float | None = None) -> FittedModel | None:
-        """A model without one of its names, fitted anew: what else explains it fits where the name's sizes are kept.
+        """A model without one of its names, fitted anew: what else explains it fits at the name's noise levels.
 
-        Or from the sizes that it then needs: a name may hide how far.
+        Or from the noise levels that it then needs: a name may hide how far.
         """
         bare = attempt(without_name, self.segments, model, key)
         if bare is None:
             return None
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
-        starts = (replace(bare, sizes=model.sizes), bare)
+        starts = (replace(bare, noise_levels=model.noise_levels), bare)
         found = [self.fitted(start.rig, start, start.keys, rungs, steps, stiff) for start in starts]
         best = min((m for m in found if m is not None), key=lambda m: m.score, default=None)
         # a name that has come to nothing meanwhile is none
@@ -188,7 +188,7 @@ class StepwiseSelection:
         count, been = self.segments.count, set()
         while len(self.now.keys) < self.most and frozenset(self.now.keys) not in been:
             been.add(frozenset(self.now.keys))
-            self.look_at(self.now.sizes)
+            self.look_at(self.now.noise_levels)
             there = len(self.now.keys)
             self.tell(f"round {there + 1}: ranking what may be missing", 0.1 + 0.1 * there)
             proposed = propose(self, self.now)
@@ -212,7 +212,7 @@ class StepwiseSelection:
             new = [k for k in best.keys if k not in self.now.keys]
             for key in new:
                 self.beaten[key] = [m for m in found if m is not best]
-            if self.segments.refine(best.rig, best.sizes, self.rules.min_gain * count):
+            if self.segments.refine(best.rig, best.noise_levels, self.rules.min_gain * count):
                 self.quick = self.segments.first(SHARE)
                 best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
             self.now = best
@@ -290,7 +290,7 @@ class StepwiseSelection:
         names = self.names = self.now
         found: list[FittedModel] = []
         for start in [names, *([self.nothing] if names.keys else [])]:
-            columns = attempt(CandidateSensitivities, self.segments, start, start.sizes, tables=True)
+            columns = attempt(CandidateSensitivities, self.segments, start, start.noise_levels, tables=True)
             for p in columns.ranked[: 1 if start is names and names.keys else 2] if columns else ():
                 done = self.tabled(start, p) if p.gain > self.rules.min_gain_if_clearing * self.segments.count else None
                 if done is not None and self.unknown(done) < self.rules.clearing_ratio * self.unknown(names):
@@ -316,11 +316,11 @@ class StepwiseSelection:
             return None
         given = self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth
         first = attempt(
-            lambda: FitProblem(*given).homotopy_fit(self.segments.of_first(start.sizes), None, (0.1, 1.0), 3)
+            lambda: FitProblem(*given).homotopy_fit(self.segments.of_first(start.noise_levels), None, (0.1, 1.0), 3)
         )
         if first is None:
             return None
-        back = replace(model, sizes=self.segments.back(first.sizes, start.sizes))
+        back = replace(model, noise_levels=self.segments.back(first.noise_levels, start.noise_levels))
         return self.fitted(first.rig, back, first.keys)
 
     def final_fit(self) -> None:

@@ -21,7 +21,7 @@ def zeroed(segments: Segments, rig: Rig) -> Rig:
     free = zeros_free(rig, segments.spreads)
     if not free:
         return rig
-    gains = segments.gains(rig, tuple(p.first_sizes() for p in segments.predictors))
+    gains = segments.gains(rig, tuple(p.first_noise_levels() for p in segments.predictors))
 
     def rows(x: Floats, start: Floats, recording: int | None = None, others: Floats | None = None) -> Floats | None:
         try:

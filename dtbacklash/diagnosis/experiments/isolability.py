@@ -158,7 +158,7 @@ def _columns(rig: Rig, recording: Recording, unknown: float) -> tuple[Isolabilit
     if not any(np.nanstd(v) > 0.0 for c, v in recording.channels.items() if c in rig.sensors):
         raise UserError("command", recording.name, "moves nothing; no sensor of the rig would show a change")
     plan = planned(rig, recording, unknown)
-    columns = CandidateSensitivities(plan.segments, plan.model, plan.sizes, every=True)
+    columns = CandidateSensitivities(plan.segments, plan.model, plan.noise_levels, every=True)
     hypotheses, errors, sines = columns.angles()
     keys = list(dict.fromkeys(h.key for h in hypotheses))
     named = math.sqrt(max(SETTINGS.min_gain_if_clearing * plan.segments.count, LEAST))

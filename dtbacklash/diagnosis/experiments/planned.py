@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.diagnosis.engine.fit import FittedModel
 from dtbacklash.diagnosis.engine.parameters import with_priors
 from dtbacklash.diagnosis.engine.resampling import rate_of
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
 from dtbacklash.diagnosis.predictions import segments_of
 from dtbacklash.diagnosis.records import records_of
@@ -17,16 +17,16 @@ from dtbacklash.recording.model import Recording
 
 @dataclass(frozen=True)
 class Planned:
-    """The segments of a planned experiment. sizes : of the unknown forces, as they are assumed, and of the noises."""
+    """The segments of a planned experiment. noise_levels : of the unknown forces, as assumed, and of the noises."""
 
     segments: Segments
-    sizes: Sizes
+    noise_levels: NoiseLevels
     every: int
 
     @property
     def model(self) -> FittedModel:
         """The rig as it is planned with, its parameters known to their tolerances."""
-        return FittedModel(self.segments.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
+        return FittedModel(self.segments.nominal, (), self.noise_levels, 0.0, 0.0, 0.0, False, stiff=1.0)
 
 
 def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:
@@ -46,6 +46,6 @@ def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:
     segments = segments_of(nominal, records, every)
     segments = replace(segments, nominal=zeroed(segments, nominal))
     bodies = len(segments.linear.bodies)
-    sizes, _ = segments.tuned(segments.nominal)
-    assumed = tuple(np.concatenate([np.full(bodies, np.log(unknown)), s[bodies:]]) for s in sizes)
+    noise_levels, _ = segments.tuned(segments.nominal)
+    assumed = tuple(np.concatenate([np.full(bodies, np.log(unknown)), s[bodies:]]) for s in noise_levels)
     return Planned(segments, assumed, every[0])

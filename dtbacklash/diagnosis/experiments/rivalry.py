@@ -17,7 +17,7 @@ from dtbacklash.diagnosis.engine.motion import motion_of
 from dtbacklash.diagnosis.engine.parameters import Key, effects_of_rig, is_known
 from dtbacklash.diagnosis.engine.predictor import ASTRAY, Gains
 from dtbacklash.diagnosis.engine.resampling import rate_of
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.parallel import spread
 from dtbacklash.diagnosis.planning import Observed
 from dtbacklash.diagnosis.predictions import segments_of
@@ -83,8 +83,8 @@ class Rivalry:
             dict(zip(names, np.abs(v).max(axis=0).tolist(), strict=True)),
         )  # fmt: skip
 
-    def segments(self, record: Record) -> tuple[Segments, Sizes]:
-        """Predictors of a simulated recording, and the sizes that the diagnosis found."""
+    def segments(self, record: Record) -> tuple[Segments, NoiseLevels]:
+        """Predictors of a simulated recording, and the noise levels that the diagnosis found."""
         every = rate_of(self.nominal, record.y, record.sample_time_s)
         segments = segments_of(self.nominal, [record], [every])
         (p,) = segments.predictors
@@ -102,15 +102,21 @@ class Rivalry:
 
         exactly : whether rivals are fitted to the recording as well, and the smaller of both counts.
         """
-        segments, sizes = self.segments(record)
-        gains = segments.gains(self.found, sizes)
+        segments, noise_levels = self.segments(record)
+        gains = segments.gains(self.found, noise_levels)
         own = segments.residuals(self.found, gains)
         if own is None:
             return [0.0] * len(self.rivals)
-        return spread(lambda rival: self._apart(segments, sizes, gains, own, rival, exactly), self.rivals)
+        return spread(lambda rival: self._apart(segments, noise_levels, gains, own, rival, exactly), self.rivals)
 
     def _apart(
-        self, segments: Segments, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool
+        self,
+        segments: Segments,
+        noise_levels: NoiseLevels,
+        gains: list[Gains],
+        own: Floats,
+        rival: Rival,
+        exactly: bool,
     ) -> float:
         rig = rival.rig
         try:
@@ -128,5 +134,5 @@ class Rivalry:
         left = moved - Q @ (Q.T @ moved)
         found = float(left @ left)
         if exactly:  # a fit that stops beside its optimum would promise too much
-            found = min(found, max(float(problem.gauss_newton(sizes, x, STEPS)[1] - own @ own), 0.0))
+            found = min(found, max(float(problem.gauss_newton(noise_levels, x, STEPS)[1] - own @ own), 0.0))
         return found

@@ -230,7 +230,7 @@ def candidates(c: Conclusion) -> tuple[Candidate, ...]:
 
 def limits(c: Conclusion) -> tuple[Limit, ...]:
     """For each effect that was not found, how large it could still be, from its column beside the last model."""
-    columns = CandidateSensitivities(c.search.segments, c.last, c.last.sizes, bounded=True)
+    columns = CandidateSensitivities(c.search.segments, c.last, c.last.noise_levels, bounded=True)
     found: dict[Key, Limit] = {}
     for h, bound in columns.bounds(NORMAL95):
         place, name = h.key

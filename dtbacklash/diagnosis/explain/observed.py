@@ -24,9 +24,9 @@ def observed(c: Conclusion) -> Observed:
     unknown, n = c.unknown(c.last), len(segments.linear.bodies)
     force = dict(zip(segments.linear.bodies, segments.predictors[0].force.tolist(), strict=True))
     noise: dict[str, float] = {}
-    for p, sizes in zip(segments.predictors, c.last.sizes, strict=True):
+    for p, noise_levels in zip(segments.predictors, c.last.noise_levels, strict=True):
         # of means: what a reading of the recording itself has more
-        of_one = np.exp(sizes[n:]) * np.sqrt(p.readings.every)
+        of_one = np.exp(noise_levels[n:]) * np.sqrt(p.readings.every)
         noise |= dict(zip(p.readings.channels, of_one.tolist(), strict=True))
     return Observed(
         last.sample_time_s / last.every, float(len(last.u) * last.sample_time_s),
@@ -43,7 +43,7 @@ def _slow(c: Conclusion) -> tuple[dict[str, float], float]:
     Over a stretch the corrections of a speed add up to the impulse of what is unknown.
     """
     segments, rig = c.search.segments, c.model.rig
-    means = motion_of(segments, rig, segments.gains(rig, c.model.sizes)).unknown_means(STRETCHES)
+    means = motion_of(segments, rig, segments.gains(rig, c.model.noise_levels)).unknown_means(STRETCHES)
     inertia = dict(zip(segments.linear.bodies, segments.linear.inertia.tolist(), strict=True))
     length = sum(len(p.readings.u) * p.readings.sample_time_s for p in segments.predictors) / STRETCHES
     return {b: inertia[b] * float(np.sqrt(np.mean(a**2))) for b, a in means.items()}, length

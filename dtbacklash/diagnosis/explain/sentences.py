@@ -85,7 +85,7 @@ def when(c: Conclusion, key: Key) -> str:
     """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch."""
     number = max(range(len(c.search.segments.predictors)), key=lambda k: c.search.segments.predictors[k].count)
     p = c.search.segments.predictors[number]
-    gains = p.gains(c.model.rig, c.model.sizes[number])
+    gains = p.gains(c.model.rig, c.model.noise_levels[number])
     with_it = p.run(c.model.rig, gains)
     with np.errstate(over="ignore"):
         change = np.sum((with_it.E - p.run(taken_out(c.model.rig, key), gains).E) ** 2, axis=1)

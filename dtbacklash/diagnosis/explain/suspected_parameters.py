@@ -18,8 +18,10 @@ def suspects(c: Conclusion) -> list[ScaleError]:
     """Parameters that are off by a factor, the likeliest first: instead of a gain, or of the names."""
     search = c.search
     begun = search.begin.rig if search.begin else search.segments.nominal
-    sizes = search.segments.of_first(c.model.sizes)
-    return list(c.judged.numbers) or numbers_suspected(search.quick, sizes, c.model, search.motion, search.rules, begun)
+    noise_levels = search.segments.of_first(c.model.noise_levels)
+    return list(c.judged.numbers) or numbers_suspected(
+        search.quick, noise_levels, c.model, search.motion, search.rules, begun
+    )
 
 
 def suspects_said(c: Conclusion, found: Sequence[ScaleError]) -> str:

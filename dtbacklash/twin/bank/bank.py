@@ -24,7 +24,7 @@ from dtbacklash.diagnosis.engine.predictor import Predictor
 from dtbacklash.diagnosis.engine.proposals import STRICT
 from dtbacklash.diagnosis.engine.resampling import readings
 from dtbacklash.diagnosis.engine.rig_simulator import Simulated
-from dtbacklash.diagnosis.engine.segments import Segments, Sizes
+from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.engine.selection import LEAST
 from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
@@ -164,9 +164,9 @@ class _Bank:
             r = readings(buffer.u, buffer.y, channels, buffer.sample_time_s, 1, False, None, k)
             found.append(Predictor(self.rig, Simulated(replace(r, opened=gap - gaps_rad[-1]))))
         self.segments = Segments(self.rig, tuple(found))
-        sizes, _ = self.segments.tuned(self.rig)
-        self.motion: Motion = motion_of(self.segments, self.rig, self.segments.gains(self.rig, sizes))
-        base = self._fitted(_Candidate("nothing", self.rig), sizes)
+        noise_levels, _ = self.segments.tuned(self.rig)
+        self.motion: Motion = motion_of(self.segments, self.rig, self.segments.gains(self.rig, noise_levels))
+        base = self._fitted(_Candidate("nothing", self.rig), noise_levels)
         if base is None:
             raise UserError("model", belief.rig.config.name, "one that follows the buffer: its simulation does not")
         self.base = base
@@ -192,21 +192,21 @@ class _Bank:
         """Whether no more unknown force than that, a share of the motion, is needed beside it."""
         clipped = tuple(
             np.concatenate([np.minimum(s[: len(p.bodies)], math.log(most)), s[len(p.bodies) :]])
-            for s, p in zip(tried.model.sizes, self.segments.predictors, strict=True)
+            for s, p in zip(tried.model.noise_levels, self.segments.predictors, strict=True)
         )
         rig = tried.model.rig
-        return self._likelihood(rig, clipped) - self._likelihood(rig, tried.model.sizes) < LEAST
+        return self._likelihood(rig, clipped) - self._likelihood(rig, tried.model.noise_levels) < LEAST
 
     def _table_beside(self, tried: _Tried) -> float:
         """What the best law free of form would earn beside a change."""
         ranked = CandidateSensitivities(
-            self.segments, replace(tried.model, keys=()), tried.model.sizes, tables=True
+            self.segments, replace(tried.model, keys=()), tried.model.noise_levels, tables=True
         ).ranked
         return ranked[0].gain if ranked else 0.0
 
     def _tried(self) -> list[_Tried]:
         """The likeliest changes, fitted, best first."""
-        strict = self.segments.scaled(self.base.model.sizes, STRICT[0])
+        strict = self.segments.scaled(self.base.model.noise_levels, STRICT[0])
         rough = []
         for candidate in [*_parameters(self.rig), *self._laws()]:
             problem = self._problem(candidate)
@@ -225,9 +225,9 @@ class _Bank:
     def _laws(self) -> Iterator[_Candidate]:
         """The best laws by their columns, where little is forgiven."""
         model = self.base.model
-        for p in CandidateSensitivities(self.segments, model, self.segments.scaled(model.sizes, STRICT[-1])).ranked[
-            :LAWS
-        ]:
+        for p in CandidateSensitivities(
+            self.segments, model, self.segments.scaled(model.noise_levels, STRICT[-1])
+        ).ranked[:LAWS]:
             place, name = p.keys[0]
             try:
                 yield _Candidate(f"{name} {place}", p.put(model.rig), (), p.keys[0])
@@ -240,12 +240,12 @@ class _Bank:
         keys = () if candidate.key is None else (candidate.key,)
         return FitProblem(Segments(nominal, self.segments.predictors), candidate.rig, keys, self.motion, 1.0)
 
-    def _fitted(self, candidate: _Candidate, sizes: Sizes) -> _Tried | None:
-        """Values at smaller and smaller sizes, then the likeliest sizes, and values at these."""
+    def _fitted(self, candidate: _Candidate, noise_levels: NoiseLevels) -> _Tried | None:
+        """Values at smaller and smaller noise levels, then the likeliest noise levels, and values at these."""
         problem = self._problem(candidate)
         x, squares = problem.start(), math.inf
         for share in (1.0, *STRICT):
-            x, squares = problem.gauss_newton(self.segments.scaled(sizes, share), x, 4)
+            x, squares = problem.gauss_newton(self.segments.scaled(noise_levels, share), x, 4)
         if not np.isfinite(squares):
             return None
         own, _ = self.segments.tuned(problem.rig(x))
@@ -253,8 +253,10 @@ class _Bank:
         model = problem.model(x, own, self._likelihood(problem.rig(x), own))
         return _Tried(candidate, problem, model, model.score + math.log(self.segments.count) * len(candidate.moved))
 
-    def _likelihood(self, rig: Rig, sizes: Sizes) -> float:
-        return sum(p.likelihood(rig, p.gains(rig, s)) for p, s in zip(self.segments.predictors, sizes, strict=True))
+    def _likelihood(self, rig: Rig, noise_levels: NoiseLevels) -> float:
+        return sum(
+            p.likelihood(rig, p.gains(rig, s)) for p, s in zip(self.segments.predictors, noise_levels, strict=True)
+        )
 
     def _as(self, verdict: str, about: tuple[_Tried, ...]) -> Diagnosis:
         names = tuple(t.candidate.name for t in about)
@@ -270,7 +272,7 @@ class _Bank:
     def _values(self, tried: _Tried) -> Iterator[Value]:
         """What a change moved, with standard errors."""
         problem, model, change = tried.problem, tried.model, tried.candidate
-        gains = self.segments.gains(model.rig, model.sizes)
+        gains = self.segments.gains(model.rig, model.noise_levels)
         rows = problem.residuals(model.x, gains)
         assert rows is not None
         J = problem.jacobian(model.x, gains, rows)

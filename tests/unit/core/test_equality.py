@@ -67,7 +67,7 @@ def predict(rig: Rig, model: Rig, u: np.ndarray, gap: np.ndarray | None = None) 
     y = {c: v + 1e-3 * (v.std() or 1.0) * rng.standard_normal(len(u)) for c, v in shown.items()}
     y[next(iter(y))][40:60:7] = np.nan
     predictor = Predictor(model, Simulated(readings(u, y, tuple(y), STEP_S, 1, False)))
-    gains = predictor.gains(model, predictor.first_sizes())
+    gains = predictor.gains(model, predictor.first_noise_levels())
     passed = predictor.run(model, gains)
     states = np.nan_to_num(passed.X)
     predictor.simulated.onwards(model, states)

@@ -147,7 +147,7 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
 @pytest.mark.check
 def test_what_cannot_be_judged_where_it_was_stopped_ends_it_in_a_line(rig, monkeypatch):
     def interrupted(search):
-        search.now = replace(search.now, sizes=search.now.sizes[:0])  # as between two changes of a search
+        search.now = replace(search.now, noise_levels=search.now.noise_levels[:0])  # as between two changes of a search
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline.StepwiseSelection, "run", interrupted)

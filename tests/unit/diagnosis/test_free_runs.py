@@ -40,7 +40,11 @@ def seen(rig: Rig, record: Record, every: int = 1, forces: float = 1.0) -> Predi
     """forces : unknown ones, of what a search begins with."""
     segments: Segments = segments_of(rig, [record], [every])
     return Predictions(
-        segments, [record], [every], rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), forces)
+        segments,
+        [record],
+        [every],
+        rig,
+        segments.scaled(tuple(p.first_noise_levels() for p in segments.predictors), forces),
     )
 
 

@@ -75,7 +75,7 @@ def test_an_effect_of_the_size_that_shows_is_five_standard_errors_in_an_exact_pa
     effect = next(e for e in isolability(drive, recording).effects if e.key == key)
 
     p = planned(drive, recording, 0.01)
-    gains = p.segments.gains(p.segments.nominal, p.sizes)
+    gains = p.segments.gains(p.segments.nominal, p.noise_levels)
     problem = FitProblem(p.segments, p.segments.nominal, (), motion_of(p.segments, p.segments.nominal, gains), 1.0)
     x = problem.start()
     base = problem.residuals(x, gains)

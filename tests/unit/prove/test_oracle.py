@@ -69,7 +69,7 @@ def test_what_is_held_out_is_not_fitted_to(rig):
     oracles = [Oracle(rig, record) for record in (given, astray)]
     assert np.array_equal(*(o.segments.predictors[0].readings.y for o in oracles))
     model = oracles[0].fit(rig, ())
-    errors = [o.held_out(model.rig, model.sizes) for o in oracles]
+    errors = [o.held_out(model.rig, model.noise_levels) for o in oracles]
     assert errors[0] < 1.2 < errors[1]
 
 

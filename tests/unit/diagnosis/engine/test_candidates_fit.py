@@ -69,7 +69,7 @@ each = pytest.mark.parametrize("name", list(CASES))
 @each
 def test_what_is_missing_is_ranked_first(name):
     _, segments, model, _ = looked_at(name)
-    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.noise_levels, 0.1))
     assert columns.ranked[0].keys == (CASES[name].key,)
     assert columns.ranked[0].gain > 1000.0
     gains = [p.gain for p in columns.ranked]
@@ -84,10 +84,10 @@ def test_exact_fits_find_the_values(name):
     case = CASES[name]
     best = next(
         p
-        for p in CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1)).ranked
+        for p in CandidateSensitivities(segments, model, segments.scaled(model.noise_levels, 0.1)).ranked
         if p.keys == (case.key,)
     )
-    found = FitProblem(segments, best.put(rig), (case.key,), motion).homotopy_fit(model.sizes)
+    found = FitProblem(segments, best.put(rig), (case.key,), motion).homotopy_fit(model.noise_levels)
     values = found.rig.effect(*case.key)
     for parameter, value in case.values.items():
         near = {"abs": 0.02} if parameter == "phase" else {"rel": 0.01}
@@ -98,7 +98,7 @@ def test_exact_fits_find_the_values(name):
     assert found.score == pytest.approx(found.loss + found.counts * np.log(segments.count))
     assert found.score < model.score - 250.0
     # hardly anything is left unknown
-    assert segments.most_unknown(found.sizes) < 0.05 * segments.most_unknown(model.sizes)
+    assert segments.most_unknown(found.noise_levels) < 0.05 * segments.most_unknown(model.noise_levels)
     # nominal parameters, which were right, stay within a tenth of a tolerance or so
     assert np.abs([standing(f, found.rig) for f in found.free if f.prior]).max() < 0.3
 
@@ -108,11 +108,11 @@ def test_a_gain_that_columns_promise_is_one_that_comes(name):
     """At the same sizes: the fall of the sum of squares of an exact fit, less what its parameters cost."""
     rig, segments, model, motion = looked_at(name)
     case = CASES[name]
-    (best,) = (p for p in CandidateSensitivities(segments, model, model.sizes).ranked if p.keys == (case.key,))
+    (best,) = (p for p in CandidateSensitivities(segments, model, model.noise_levels).ranked if p.keys == (case.key,))
     problem = FitProblem(segments, best.put(rig), (case.key,), motion)
     nothing = FitProblem(segments, model.rig, (), motion)
-    rows = nothing.residuals(nothing.start(), segments.gains(model.rig, model.sizes))
-    _, squares = problem.gauss_newton(model.sizes, problem.start(), 6)
+    rows = nothing.residuals(nothing.start(), segments.gains(model.rig, model.noise_levels))
+    _, squares = problem.gauss_newton(model.noise_levels, problem.start(), 6)
     fall = float(rows @ rows) - squares - np.log(segments.count) * best.parts[0][0].counts
     assert best.gain == pytest.approx(fall, rel=0.25)
 
@@ -121,7 +121,7 @@ def test_a_jacobian_is_how_rows_change():
     rig, segments, model, motion = looked_at("cubic")
     key = CASES["cubic"].key
     problem = FitProblem(segments, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
-    x, gains = problem.start(), segments.gains(rig, model.sizes)
+    x, gains = problem.start(), segments.gains(rig, model.noise_levels)
     rows = problem.residuals(x, gains)
     J = problem.jacobian(x, gains, rows)
     assert J.shape == (len(rows), len(problem.free))
@@ -169,7 +169,7 @@ def test_a_wrong_parameter_is_no_missing_law():
     segments = segments_of(rig, u, recorded(stiffer, u))
     model, _ = recalibrated(rig, segments)
     assert model.rig.config.parameters["k"].value == pytest.approx(1.05 * 1900.0, rel=0.005)
-    best = CandidateSensitivities(segments, model, model.sizes).ranked[0]
+    best = CandidateSensitivities(segments, model, model.noise_levels).ranked[0]
     assert best.gain < 0.02 * segments.count
 
 
@@ -180,11 +180,11 @@ def test_pairs_promise_what_no_single_does():
     u = command(8.0, 0.6)
     segments = segments_of(rig, u, recorded(true, u))
     model, motion = recalibrated(rig, segments)
-    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.noise_levels, 0.1))
     pairs = columns.pairs(columns.ranked[:5])
     assert pairs[0].keys == keys
     assert pairs[0].gain > columns.ranked[0].gain + 100.0
-    found = FitProblem(segments, pairs[0].put(rig), keys, motion).homotopy_fit(model.sizes)
+    found = FitProblem(segments, pairs[0].put(rig), keys, motion).homotopy_fit(model.noise_levels)
     assert found.rig.effect(*keys[0])["torque"] == pytest.approx(0.02, rel=0.01)
     assert found.rig.effect(*keys[1])["coefficient"] == pytest.approx(0.01, rel=0.01)
 
@@ -211,7 +211,7 @@ class Kept(CandidateSensitivities):
 def test_what_columns_promise_is_by_least_squares():
     """Singles, and others beside a hypothesis that falls with its size or counts as it is, all columns written out."""
     _, segments, model, _ = looked_at("coulomb")
-    columns = Kept(segments, model, segments.scaled(model.sizes, 0.1))
+    columns = Kept(segments, model, segments.scaled(model.noise_levels, 0.1))
     slices, log_n = dict(columns.hypotheses), columns.log_n
     nothing = columns.left(columns.base)
 
@@ -264,15 +264,17 @@ def test_a_table_gains_more_than_any_name_where_no_name_is_right():
     _rig, segments, model, motion = dragged()
     key = ("disk", "speed_table")
     for share, more in ((1.0, 1.01), (0.1, 1.03)):
-        sizes = segments.scaled(model.sizes, share)
+        sizes = segments.scaled(model.noise_levels, share)
         names, tables = (
             CandidateSensitivities(segments, model, sizes, tables=tables).ranked for tables in (False, True)
         )
         assert tables[0].keys == (key,)
         assert tables[0].gain > more * names[0].gain
     smooth = {key: tables[0].smooth}
-    found = FitProblem(segments, tables[0].put(model.rig), (key,), motion, smooth=smooth).homotopy_fit(model.sizes)
-    named = FitProblem(segments, names[0].put(model.rig), names[0].keys, motion).homotopy_fit(model.sizes)
+    found = FitProblem(segments, tables[0].put(model.rig), (key,), motion, smooth=smooth).homotopy_fit(
+        model.noise_levels
+    )
+    named = FitProblem(segments, names[0].put(model.rig), names[0].keys, motion).homotopy_fit(model.noise_levels)
     assert found.score < named.score - 1000.0
     assert named.score < model.score - 1000.0
     # it is held back in how it bends: it has less freedom than values
@@ -287,8 +289,8 @@ def test_a_table_gains_more_than_any_name_where_no_name_is_right():
 def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
     """The column of each value of a table, which the linear plant answers, against a difference of two passes."""
     _rig, segments, model, _ = dragged()
-    columns = CandidateSensitivities(segments, model, model.sizes, tables=True)
-    gains = segments.gains(model.rig, model.sizes)
+    columns = CandidateSensitivities(segments, model, model.noise_levels, tables=True)
+    gains = segments.gains(model.rig, model.noise_levels)
     h, _ = next(pair for pair in columns.hypotheses if pair[0].effect.name == "speed_table")
     before = segments.residuals(model.rig, gains)
     made = ColumnMaker(segments, model.rig, gains, columns.motion, before).columns(h)
@@ -306,7 +308,9 @@ def test_a_model_that_comes_to_nothing_is_at_its_end():
     segments = segments_of(rig, u, recorded(rig, u))
     model, motion = recalibrated(rig, segments)
     key = ("disk", "viscous_friction")
-    found = FitProblem(segments, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).homotopy_fit(model.sizes)
+    found = FitProblem(segments, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).homotopy_fit(
+        model.noise_levels
+    )
     assert found.at_end or found.rig.effect(*key)["coefficient"] < 1e-4
     assert found.score > model.score
 
@@ -318,7 +322,7 @@ def test_a_rig_that_cannot_be_has_no_rows():
     x = problem.start()
     x[0] = np.nan
     with np.errstate(all="ignore"):
-        assert problem.residuals(x, segments.gains(rig, model.sizes)) is None
+        assert problem.residuals(x, segments.gains(rig, model.noise_levels)) is None
     assert taken_out(problem.base, key).effect(*key) is None
 
 
@@ -328,9 +332,9 @@ def test_a_parameter_that_has_left_its_tolerance_begins_where_it_was_given_too()
     free = FitProblem(segments, rig, (), motion).free
     away = apply(rig, free, np.array([3.0 * (j == 0) for j in range(len(free))]))
     problem = FitProblem(segments, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
-    few = [problem.gauss_newton(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
+    few = [problem.gauss_newton(model.noise_levels, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
     assert problem.start()[0] == pytest.approx(3.0)
-    assert problem.solved(model.sizes, 1)[1] == min(few)
+    assert problem.solved(model.noise_levels, 1)[1] == min(few)
     assert few[1] < few[0]
 
 
@@ -339,7 +343,7 @@ def test_a_rig_that_cannot_be_compiled_is_passed_over():
     rig = nominal_rig("lead_screw")
     u = command(3.0, 1.0)
     segments = segments_of(rig, u, recorded(rig, u))
-    sizes = (segments.predictors[0].first_sizes(),)
+    sizes = (segments.predictors[0].first_noise_levels(),)
     proposed = rig.with_effect("mass_1", "ground_friction", {"force": 1.0})
     problem = FitProblem(segments, proposed, (), motion_of(segments, rig, segments.gains(rig, sizes)))
     assert problem.better_start(sizes) == pytest.approx(problem.start())
@@ -361,7 +365,7 @@ def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recor
     segments = Segments(nominal, tuple(found))
     assert segments.anywhere == (0, 1)
     model, _ = recalibrated(nominal, segments)
-    columns = CandidateSensitivities(segments, model, segments.scaled(model.sizes, 0.1))
+    columns = CandidateSensitivities(segments, model, segments.scaled(model.noise_levels, 0.1))
     pair = columns.pairs(columns.ranked[:3])[0]
     assert pair.keys == (cogging, weight)
     rig = pair.put(nominal)
@@ -376,7 +380,7 @@ def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recor
 def test_a_later_signal_is_not_looked_at_where_a_less_late_one_explains_more():
     """Of delays and filters that are not there the least ones are looked at, of all else everything."""
     _, segments, model, _ = looked_at("coulomb")
-    few, every = (CandidateSensitivities(segments, model, model.sizes, every=every) for every in (False, True))
+    few, every = (CandidateSensitivities(segments, model, model.noise_levels, every=every) for every in (False, True))
     amounts = [
         {h.key: [o.values[o.effect.size.name] for o, _ in c.hypotheses if o.key == h.key] for h, _ in c.hypotheses}
         for c in (few, every)
@@ -403,8 +407,8 @@ def test_coarse_steps_do_for_what_a_law_adds():
     model = FitProblem(fine, rig, (("disk", "coulomb_friction"),), motion).homotopy_fit(sizes, None, (1.0,))
     assert fine.coarse is not fine
     assert segments.coarse is segments
-    columns = CandidateSensitivities(fine, model, model.sizes)
-    gains, simulated = fine.gains(model.rig, model.sizes), 0
+    columns = CandidateSensitivities(fine, model, model.noise_levels)
+    gains, simulated = fine.gains(model.rig, model.noise_levels), 0
     e0 = fine.residuals(model.rig, gains)
     for h, at in columns.hypotheses:
         if h.key != ("sensor_theta", "delay") and h.effect.name != "load_friction":
@@ -423,8 +427,8 @@ def test_coarse_steps_do_for_what_a_law_adds():
 def test_a_law_over_the_command_needs_no_pass():
     """The column of a dead zone as it is follows from the command; a simulated one is nearly the same."""
     _, segments, model, _ = looked_at("gravity")
-    columns = CandidateSensitivities(segments, model, model.sizes)
-    gains = segments.gains(model.rig, model.sizes)
+    columns = CandidateSensitivities(segments, model, model.noise_levels)
+    gains = segments.gains(model.rig, model.noise_levels)
     e0 = segments.residuals(model.rig, gains)
     (h, at) = next((h, at) for h, at in columns.hypotheses if h.key == ("amplifier", "dead_zone") and h.as_it_is)
     column = segments.residuals(model.rig.with_effect(*h.key, h.values), gains) - e0

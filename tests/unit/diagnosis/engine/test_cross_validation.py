@@ -66,11 +66,13 @@ def test_the_rig_of_the_others_is_what_a_fit_to_them_gives():
     masses, none = {0: 1.2, 1: 1.2, 2: 1.21}, dict.fromkeys(range(3), 0.0)
     segments, (motion, alike) = segments_of(masses, none), fitted(segments_of(dict.fromkeys(masses, 1.2), none))
     whole = FitProblem(segments, alike.rig, (), motion, 1.0)
-    model = whole.model(whole.gauss_newton(alike.sizes, whole.start(), 6)[0], alike.sizes, 0.0)
+    model = whole.model(whole.gauss_newton(alike.noise_levels, whole.start(), 6)[0], alike.noise_levels, 0.0)
     rigs = left_out(segments, motion, model)
     for k in masses:
         others = replace(segments, predictors=tuple(p for p in segments.predictors if p.readings.recording != k))
-        sizes = tuple(s for p, s in zip(segments.predictors, model.sizes, strict=True) if p.readings.recording != k)
+        sizes = tuple(
+            s for p, s in zip(segments.predictors, model.noise_levels, strict=True) if p.readings.recording != k
+        )
         problem = FitProblem(others, model.rig, (), motion, 1.0)
         alone = problem.rig(problem.gauss_newton(sizes, problem.start(), 6)[0])
         stiffer = [stiffness(rig) / stiffness(model.rig) - 1.0 for rig in (rigs[k], alone)]
@@ -106,7 +108,7 @@ def test_a_column_of_one_recording_runs_it_alone(monkeypatch):
     masses = dict.fromkeys(range(3), 1.2)
     segments = segments_of(masses, dict.fromkeys(masses, 0.0))
     rig = segments.nominal.owning({(1, "m"): 1.2})
-    sizes = tuple(p.first_sizes() for p in segments.predictors)
+    sizes = tuple(p.first_noise_levels() for p in segments.predictors)
     problem = FitProblem(segments, rig, (), motion_of(segments, rig, segments.gains(rig, sizes)), 1.0)
     x, gains = problem.start(), segments.gains(rig, sizes)
     rows = problem.residuals(x, gains)

@@ -28,7 +28,7 @@ def along(name: str, every: int) -> tuple[ColumnMaker, list[Hypothesis]]:
     """What makes columns, and all hypotheses, of a nominal rig's own recording."""
     rig, u = nominal_rig(name), command(8.0 * min(every, 2), RMS[name])
     segments = Segments(rig, (predictor_of(rig, u, recorded(rig, u), every),))
-    gains = segments.gains(rig, segments.scaled(tuple(p.first_sizes() for p in segments.predictors), 0.1))
+    gains = segments.gains(rig, segments.scaled(tuple(p.first_noise_levels() for p in segments.predictors), 0.1))
     make = ColumnMaker(segments, rig, gains, motion_of(segments, rig, gains), segments.residuals(rig, gains))
     return make, list(hypotheses(segments, rig, make.motion))
 

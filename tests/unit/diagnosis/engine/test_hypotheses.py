@@ -29,7 +29,7 @@ def segments(name: str, channels: tuple[str, ...] = (), seconds: float = 6.0) ->
 
 
 def moved(rig: Rig, seen: Segments) -> Motion:
-    return motion_of(seen, rig, seen.gains(rig, tuple(p.first_sizes() for p in seen.predictors)))
+    return motion_of(seen, rig, seen.gains(rig, tuple(p.first_noise_levels() for p in seen.predictors)))
 
 
 def offered(rig: Rig, seen: Segments, **how) -> list:

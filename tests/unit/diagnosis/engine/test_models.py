@@ -105,7 +105,7 @@ def passed(rig, columns: dict[str, np.ndarray], every: int = 1, way: str = "") -
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
     records = {"": records, **ways_to_read(records, rig)}[way]
     predictor = segments_of(rig, records, [every]).predictors[0]
-    left = predictor.simulate(rig, predictor.gains(rig, predictor.first_sizes()))
+    left = predictor.simulate(rig, predictor.gains(rig, predictor.first_noise_levels()))
     return dict(zip(predictor.readings.channels, np.nan_to_num(left.T), strict=True))
 
 
@@ -456,7 +456,7 @@ def test_what_sensors_show_of_states_is_what_they_showed_in_the_pass(tmp_path):
         rig, records_of(Recording.from_frame(frame.assign(watts=push), rig=rig), rig, True, False), [1]
     )
     predictor = predictor.predictors[0]
-    gains = predictor.gains(rig, predictor.first_sizes())
+    gains = predictor.gains(rig, predictor.first_noise_levels())
     gains.K[:] = 0.0
     found = predictor.run(rig, gains)
     there = predictor.simulated.shown(rig, found.X)
@@ -622,7 +622,7 @@ def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
     predictor = segments_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
-    gains = predictor.gains(rig, predictor.first_sizes())
+    gains = predictor.gains(rig, predictor.first_noise_levels())
 
     def left(mass: float) -> np.ndarray:
         changed = rig.with_parameters({"cart.m": mass}).with_effect("rail", "coulomb_friction", {"force": 0.8})
@@ -647,7 +647,7 @@ def test_an_fmu_goes_to_another_process(exchanged):
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
     predictor = segments_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
-    gains = predictor.gains(rig, predictor.first_sizes())
+    gains = predictor.gains(rig, predictor.first_noise_levels())
     before = predictor.run(rig, gains).D
     away = pickle.dumps((predictor, rig, gains))
     fmu_file._read.cache_clear()

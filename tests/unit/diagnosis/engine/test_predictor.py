@@ -43,7 +43,7 @@ def steady(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.nda
 def test_steady_gains_are_those_of_scipys_riccati_equation(name):
     rig, _, p = predictor(name)
     for shift in (0.0, -3.0):
-        sizes = p.first_sizes() + shift
+        sizes = p.first_noise_levels() + shift
         gains, (Q, R) = p.gains(rig, sizes), unknown(p, sizes)
         C = p.linear.C[1]
         P = steady(p.linear.A[1], C, Q, R)
@@ -63,7 +63,7 @@ def test_a_sensor_of_acceleration_takes_the_unknown_force_into_account():
     rig = with_sensors(nominal_rig("oscillator"), a={"of": "mass", "quantity": "acceleration"})
     u = command(4.0, 1.0)
     p = predictor_of(rig, u, recorded(rig, u))
-    sizes = p.first_sizes()
+    sizes = p.first_noise_levels()
     A, B, C, D = p.linear.A[1], p.linear.B[1], p.linear.C[1], p.linear.D
     q, R = np.diag((np.exp(sizes[:1]) * p.force) ** 2), np.diag(np.exp(2.0 * sizes[1:]))
     P = np.eye(2)
@@ -106,7 +106,7 @@ def textbook(rig: Rig, u: np.ndarray, p: Predictor, sizes: np.ndarray) -> tuple[
 def test_the_likelihood_is_that_of_a_plain_kalman_filter(name, share):
     """At first sample by sample; then gains settle in steps, and are steady."""
     rig, u, p = predictor(name)
-    sizes = p.scaled(p.first_sizes() + np.linspace(-1.0, 0.3, len(p.first_sizes())), share)
+    sizes = p.scaled(p.first_noise_levels() + np.linspace(-1.0, 0.3, len(p.first_noise_levels())), share)
     total, squares = textbook(rig, u, p, sizes)
     gains = p.gains(rig, sizes)
     E = p.run(rig, gains).E
@@ -118,7 +118,7 @@ def test_the_likelihood_is_that_of_a_plain_kalman_filter(name, share):
 @each
 def test_what_is_frozen_is_a_full_pass_where_it_was_recorded(name):
     rig, _, p = predictor(name)
-    sizes = p.first_sizes()
+    sizes = p.first_noise_levels()
     cost = p._cost(rig, p._recorded(rig, sizes))
     full = p.likelihood(rig, p.gains(rig, sizes))
     assert cost(sizes) == pytest.approx(full, abs=1e-6)
@@ -137,7 +137,7 @@ def test_what_is_frozen_is_a_full_pass_of_a_rig_with_laws():
     y["theta"][100:200] = np.nan
     p = predictor_of(rig, u, y)
     for seen in (rig, true):
-        sizes = p.first_sizes()
+        sizes = p.first_noise_levels()
         cost = p._cost(seen, p._recorded(seen, sizes))
         assert cost(sizes) == pytest.approx(p.likelihood(seen, p.gains(seen, sizes)), abs=1e-6)
         # and near it elsewhere
@@ -151,7 +151,7 @@ def test_what_is_frozen_leaves_out_what_is_missing():
     y["x_c"][300:900] = np.nan
     y["x_t"][::3] = np.nan
     p = predictor_of(rig, u, y)
-    sizes = p.first_sizes()
+    sizes = p.first_noise_levels()
     cost = p._cost(rig, p._recorded(rig, sizes))
     for other in (sizes, sizes - 1.0, sizes + np.array([1.0, -2.0, 0.2, -0.3])):
         assert cost(other) == pytest.approx(p.likelihood(rig, p.gains(rig, other)), abs=1e-5)
@@ -164,7 +164,7 @@ def test_missing_readings_correct_nothing():
     for channel in y.values():
         channel[1000:1100] = np.nan
     p = predictor_of(rig, u, y)
-    gains = p.gains(rig, p.first_sizes())
+    gains = p.gains(rig, p.first_noise_levels())
     found = p.run(rig, gains)
     assert not found.E[1000:1100].any()
     assert not found.D[1000:1100].any()
@@ -176,7 +176,7 @@ def test_missing_readings_correct_nothing():
     y = recorded(rig, u)
     y["v"][500:] = np.nan
     p = predictor_of(rig, u, y)
-    found = p.run(rig, p.gains(rig, p.first_sizes()))
+    found = p.run(rig, p.gains(rig, p.first_noise_levels()))
     assert not found.E[500:, 1].any()
     assert found.E[500:, 0].std() > 0.1
     assert p.count == len(u) + 500
@@ -202,7 +202,7 @@ def test_a_channel_that_is_seldom_read_has_gains_that_hold(always, share):
     r, m = p.readings, 1 + len(always)
     assert r.sets.tolist() == [[True] * m, [False] + [True] * len(always)]
     assert p.count == len(u) * len(always) + np.isfinite(r.y[:, 0]).sum()
-    gains, A, C = p.gains(rig, p.scaled(p.first_sizes(), share)), p.linear.A[1], p.linear.C[1]
+    gains, A, C = p.gains(rig, p.scaled(p.first_noise_levels(), share)), p.linear.A[1], p.linear.C[1]
     which = r.which(gains.opening, r.y)
     # what is not read corrects nothing, and whitens nothing
     for k in (1001, 1005, 1009):
@@ -224,7 +224,7 @@ def test_a_channel_that_is_seldom_read_has_gains_that_hold(always, share):
 @pytest.mark.parametrize("share", [1.0, 2e-3])
 def test_the_likelihood_of_seldom_readings_is_near_that_of_a_filter_that_varies_in_time(always, share):
     rig, u, p = seldom(always)
-    sizes = p.scaled(p.first_sizes(), share)
+    sizes = p.scaled(p.first_noise_levels(), share)
     assert abs(p.likelihood(rig, p.gains(rig, sizes)) - textbook(rig, u, p, sizes)[0]) < 0.03 * len(u)
 
 
@@ -272,7 +272,7 @@ def test_sizes_of_unknown_forces_are_found(name, forces):
 def test_sizes_are_scaled_and_bounded():
     rig, _, p = predictor("two_mass_stage")
     low, high = p.ends()
-    sizes = p.first_sizes()
+    sizes = p.first_noise_levels()
     assert np.all((low < sizes) & (sizes < high))
     less = p.scaled(sizes, 0.01)
     assert np.allclose(np.exp(less[:2]), 0.01 * np.exp(sizes[:2]))
@@ -307,7 +307,7 @@ def test_a_force_sensor_and_an_acceleration_sensor_join_in():
         true = rig.with_effect(place, effect, dict(zip(names, values.values(), strict=False)))
         p = predictor_of(rig, u, recorded(true, u))
         # gains are of the linear part, which the law does not change
-        ours, plain = (p.gains(r, p.first_sizes()) for r in (true, rig))
+        ours, plain = (p.gains(r, p.first_noise_levels()) for r in (true, rig))
         assert np.allclose(ours.K, plain.K)
         assert p.tuned(true)[1] < p.tuned(rig)[1] - 1000.0
 
@@ -315,7 +315,7 @@ def test_a_force_sensor_and_an_acceleration_sensor_join_in():
 def test_the_beginning_of_a_stretch_sees_what_the_whole_saw_there():
     rig, _, p = predictor("oscillator", 12.0)
     first = p.first(1.0 / 3.0)
-    gains = p.gains(rig, p.first_sizes())
+    gains = p.gains(rig, p.first_noise_levels())
     whole, beginning = p.run(rig, gains), first.run(rig, gains)
     n = len(first.readings.u)
     assert n == 2000
@@ -361,7 +361,7 @@ def test_a_bench_stacks_stretches_and_sums_their_likelihoods():
 
 def test_a_pass_that_goes_astray_is_none():
     rig, _u, p = predictor("oscillator")
-    gains = p.gains(rig, p.first_sizes())
+    gains = p.gains(rig, p.first_noise_levels())
     wild = replace(gains, K=gains.K * -1e3)
     segments = Segments(rig, (p,))
     with np.errstate(all="ignore"):
@@ -377,7 +377,7 @@ def test_a_first_state_is_where_it_was_read():
         u = command(4.0, 1.0)
         shown = recorded(rig, u, 0.0)
         p = predictor_of(rig, u, {c: shown[c] + y for c, y in at.items()})
-        found = p.run(rig, p.gains(rig, p.first_sizes())).first
+        found = p.run(rig, p.gains(rig, p.first_noise_levels())).first
         return dict(zip(linear_of(rig, STEP_S, tuple(at)).states, found, strict=True))
 
     stage = first(nominal_rig("two_mass_stage"), {"x_t": 1e-3})

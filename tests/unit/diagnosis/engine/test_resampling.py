@@ -131,7 +131,7 @@ def test_a_speed_that_is_driven_directly_needs_no_rise_and_a_position_does():
     y = simulate(rig, u[:-1], FINE_S).sensors
     p = predictor_of(rig, u, y, 3, FINE_S)
     # nothing corrects it
-    gains = p.gains(rig, p.first_sizes())
+    gains = p.gains(rig, p.first_noise_levels())
     alone = replace(gains, K=0.0 * gains.K)
     scale = p.readings.y.std(axis=0)
 

@@ -64,7 +64,7 @@ def test_a_number_is_suspected_only_where_it_does_better_than_what_was_found(off
     search = StepwiseSelection(segments_of(rig, u, y))
     key = DRY[:2]
     model = search.fitted(search.nothing.rig.with_effect(*DRY), search.nothing, (key,), (0.1, 0.1, 1.0), 5)
-    sizes = search.segments.of_first(model.sizes)
+    sizes = search.segments.of_first(model.noise_levels)
     found = numbers_suspected(search.quick, sizes, model, search.motion, SETTINGS, search.segments.nominal)
     assert {one.key[1] for one in found} == suspected
     assert all(abs(np.log10(one.factor)) == pytest.approx(1.0) for one in found)

@@ -91,7 +91,7 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     # beside what stays unknown: nothing, and a tenth of what moves it
     assert not idle_laws(search, faint)
     most = 0.1 / search.unknown(faint)
-    much = replace(faint, sizes=search.segments.scaled(faint.sizes, most))
+    much = replace(faint, noise_levels=search.segments.scaled(faint.noise_levels, most))
     assert idle_laws(search, much) == (COULOMB,)
     rules, search.rules = search.rules, replace(search.rules, min_effect=0.5 * share_of(search.segments, much, COULOMB))
     assert not idle_laws(search, much)
@@ -151,8 +151,8 @@ def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
     proposals.propose(search, search.nothing, quick=True)
     quick = [sizes for seen, sizes in asked if seen is search.quick]
     assert len(quick) >= 2
-    noise = search.nothing.sizes[1][1:]
-    assert np.abs(noise - search.nothing.sizes[0][1:]).min() > 1.0
+    noise = search.nothing.noise_levels[1][1:]
+    assert np.abs(noise - search.nothing.noise_levels[0][1:]).min() > 1.0
     for sizes in quick:
         assert len(sizes) == 1
         assert np.array_equal(sizes[0][1:], noise)
@@ -165,7 +165,7 @@ def test_several_recordings_are_searched_together():
     model = StepwiseSelection(Segments(rig, tuple(predictor_of(rig, u, recorded(true, u)) for u in pair))).run()
     assert model.keys == (COULOMB,)
     assert model.rig.effect(*COULOMB)["torque"] == pytest.approx(0.02, rel=0.01)
-    assert len(model.sizes) == 2
+    assert len(model.noise_levels) == 2
 
 
 def test_progress_is_told():

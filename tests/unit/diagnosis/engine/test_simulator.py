@@ -60,7 +60,7 @@ class Recursion:
 def test_a_predictor_asks_any_simulator_and_finds_the_same(name):
     rig, u = nominal_rig(name), command(6.0, 1.0)
     compiled = predictor_of(rig, u, recorded(rig, u))
-    start = compiled.run(rig, compiled.gains(rig, compiled.first_sizes())).first
+    start = compiled.run(rig, compiled.gains(rig, compiled.first_noise_levels())).first
     other: Simulator = Recursion(compiled.readings, start)
     plain = Predictor(rig, other)
 

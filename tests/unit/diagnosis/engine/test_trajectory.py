@@ -34,7 +34,7 @@ def test_a_geared_drive_whose_net_force_is_a_tenth_of_what_acts():
     forces = dict(zip(p.bodies, p.force, strict=True))
     drive = 0.1 * np.sqrt(np.mean(u**2))
     assert forces["rotor"] == pytest.approx(drive, rel=0.05)
-    found = Trajectory(rig, p.linear, p.run(rig, p.gains(rig, p.first_sizes())).X, p.readings.u, STEP_S)
+    found = Trajectory(rig, p.linear, p.run(rig, p.gains(rig, p.first_noise_levels())).X, p.readings.u, STEP_S)
     net = found._net()["rotor"]
     assert net < 0.1 * forces["rotor"]
     # what is unknown is a share of the torque, so that a fiftieth of it is 2 %

@@ -55,7 +55,7 @@ def test_the_mended_model_and_its_laws_move_as_the_diagnosis_simulates(tmp_path)
     frame.loc[1:, "angle"] = 1e-9 * np.sin(t[1:])
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
     p = segments_of(rig, records, [1]).predictors[0]
-    gains = p.gains(rig, p.first_sizes())
+    gains = p.gains(rig, p.first_noise_levels())
     gains.K[:] = 0.0
     ours = p.run(rig, gains).X[:, 0]
 
