@@ -9,6 +9,13 @@
 
 enum { NOTHING, REQUESTED, ANSWERED };
 
+/* What stands before this is read and written before what follows: an interrupt may come between. */
+#ifdef __GNUC__
+#define KEEP_ORDER() __asm__ volatile("" ::: "memory")
+#else
+#define KEEP_ORDER() ((void)0)
+#endif
+
 /* Samples from number `first` on. */
 typedef struct {
     int64_t first, count;
@@ -192,6 +199,7 @@ int twin_estimate(twin_controller *t)
 
     if (t->state != REQUESTED)
         return 0;
+    KEEP_ORDER();
     const Recording *from = t->record + t->work;
     const TwinProblem problem = {.model = &MODEL,
                                  .data = {SAMPLES, MODEL.settle, from->theta_m, t->eps_q, MODEL.from_theta_d},
@@ -207,6 +215,7 @@ int twin_estimate(twin_controller *t)
         GapEstimate e = estimate(&problem, &by, start);
         t->found = (GapAttempt){e, isfinite(e.fit_gap) != 0, 0, 0, UNGUARDED, e.fit_gap, e.fit_gap};
     }
+    KEEP_ORDER();
     t->state = ANSWERED;
     return 1;
 }

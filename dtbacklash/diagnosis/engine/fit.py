@@ -41,7 +41,9 @@ STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step brings less (share of the sum of squares; sum of squares), or promises a share of that
-ENOUGH, CONVERGED = (1e-4, 20.0), 0.1
+ENOUGH, CONVERGED = (1e-5, 2.0), 0.1
+#: damping with which a fit begins (Marquardt's lambda)
+DAMPED = 1e-3
 #: a Jacobian serves on by its secants while falls are as promised, within this share
 TRUSTED = 0.5
 
@@ -227,7 +229,7 @@ class FitProblem:
             gains = self.segments.gains(self.base, noise_levels)
         except (UserError, np.linalg.LinAlgError):
             return x, np.inf
-        rows, damping = self.residuals(x, gains), 1e-3
+        rows, damping = self.residuals(x, gains), DAMPED
         if rows is None:
             return x, np.inf
         if not self.free:
@@ -250,7 +252,7 @@ class FitProblem:
                 if there is not None and there @ there < here:
                     taken = step, there
                     break
-                damping = max(8.0 * damping, 1e-3)
+                damping = max(8.0 * damping, DAMPED)
             if taken is None and fresh:
                 break
             if taken is not None:
@@ -266,6 +268,7 @@ class FitProblem:
                 fresh = False
             if turn - cut < steps and (taken is None or not trusted):
                 J, fresh = self.step_jacobian(x, gains, rows), True
+                damping = min(damping, DAMPED)
         return x, float(rows @ rows)
 
     def solved(

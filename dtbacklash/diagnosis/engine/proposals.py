@@ -59,6 +59,8 @@ def propose(
         ranked = columns.ranked
         if share == 1.0 and not quick:
             _note_gains(search, ranked, segments)
+            kept = search.first_columns
+            _note_gains(search, kept[-1].ranked if kept and kept[0] is model and kept[-1] else (), search.quick)
             search.apart = columns.differing() if len(segments.recordings) > 1 else []
         ranked = [p for p in ranked if far or p.gain > 0.3 * search.rules.min_gain * segments.count]
         chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
@@ -83,9 +85,9 @@ def _promising(search: StepwiseSelection, model: FittedModel) -> set[Key] | None
     first = search.on_beginning(model)[-1] if len(search.segments.recordings) == 1 else None
     if first is None:
         return None
-    _note_gains(search, first.ranked, search.quick)
-    pairs = first.pairs(first.ranked[:5])[:PROMISING]
-    return {p.keys[0] for p in first.ranked[:PROMISING]} | {key for p in pairs for key in p.keys}
+    ranked = [p for p in first.ranked if p.keys[0] not in search.rejected]
+    pairs = first.pairs(ranked[:5])[:PROMISING]
+    return {p.keys[0] for p in ranked[:PROMISING]} | {key for p in pairs for key in p.keys}
 
 
 def _note_gains(search: StepwiseSelection, ranked: Sequence[Proposal], segments: Segments) -> None:

@@ -127,7 +127,8 @@ class StepwiseSelection:
         if kept and kept[0] is model and kept[1] is beginning:
             return kept
         columns = attempt(CandidateSensitivities, self.quick, model, self.segments.of_first(model.noise_levels))
-        return model, beginning, columns
+        self.first_columns = model, beginning, columns
+        return self.first_columns
 
     def look_at(self, noise_levels: NoiseLevels) -> None:
         """Make quick fits on the stretch that says most of what is missing, at these noise levels."""

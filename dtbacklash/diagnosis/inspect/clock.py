@@ -29,6 +29,8 @@ PADDED = 16 * STRETCHES
 ROUNDS = 3
 #: frequencies at which the command has less are not looked at (share of its largest power)
 DRIVEN = 1e-4
+#: so many of them at most are looked at, the best driven ones
+FREQUENCIES = 200
 #: a clock that is wrong makes a recording so many times as coherent
 GAIN = 1.3
 #: stretches that have nothing in common are coherent by one part in their number: so many times that is more
@@ -72,26 +74,34 @@ def clock_of(u: Floats, y: Floats, step_s: float) -> Clock | None:
     t, f = (first - first.mean()) * step_s, np.fft.rfftfreq(length, step_s)[2:-1]
     driven = (np.abs(U) ** 2).sum(axis=0)
     powers = np.sqrt(driven * (np.abs(Y) ** 2).sum(axis=0))
-    kept = (driven > DRIVEN * driven.max()) & (powers > 0.0)
-    if np.count_nonzero(kept) < 2:
+    kept = np.flatnonzero((driven > DRIVEN * driven.max()) & (powers > 0.0))
+    kept = np.sort(kept[np.argsort(-driven[kept], kind="stable")[:FREQUENCIES]])
+    if len(kept) < 2:
         return None
     S, f = (np.conj(U) * Y)[:, kept] / powers[kept], f[kept]
     steps = np.arange(0.0, FASTEST, STEP / (f.max() * np.ptp(t)))
     tried = np.append(-steps[:0:-1], steps)
     power = np.abs(np.fft.fft(S, PADDED, axis=0)) ** 2  # over how fast the phase of a frequency turns
-    turns = np.rint(-np.outer(tried, f) * (t[1] - t[0]) * PADDED).astype(int) % PADDED
-    each = power[turns, np.arange(len(f))]
-    total, still = each.sum(axis=1), len(steps) - 1
-    best = int(total.argmax())
+    turns = -f * (t[1] - t[0]) * PADDED
+
+    def at(clock: float) -> Floats:
+        """(frequencies,) what each has at a clock."""
+        found: Floats = power[np.rint(clock * turns).astype(int) % PADDED, np.arange(len(f))]
+        return found
+
+    total = np.array([at(clock).sum() for clock in tried])
+    best, still = int(total.argmax()), at(0.0)
     if not 0 < best < len(tried) - 1:
         return None
-    half = int(np.searchsorted(np.cumsum(each[best]), 0.5 * each[best].sum()))
-    low, high = (tried[each[:, part].sum(axis=1).argmax()] for part in (slice(0, half), slice(half, None)))
+    each = at(tried[best])
+    half = int(np.searchsorted(np.cumsum(each), 0.5 * each.sum()))
+    halves = np.array([(found[:half].sum(), found[half:].sum()) for found in map(at, tried)])
+    low, high = tried[halves.argmax(axis=0)]
     before, most, after = total[best - 1 : best + 2]
     between = 0.5 * (before - after) / min(before - 2.0 * most + after, -1e-300)
     fast = float(tried[best] + between * (tried[1] - tried[0]))
     apart = float(abs(high - low)) / max(abs(fast), 1e-300)
-    return Clock(fast / (1.0 - fast), float(each[best].mean()), float(each[still].mean()), apart)
+    return Clock(fast / (1.0 - fast), float(each.mean()), float(still.mean()), apart)
 
 
 def _spectra(values: Floats, first: np.ndarray, length: int) -> np.ndarray:

@@ -25,6 +25,8 @@ from dtbacklash.core.library import lib, struct
 from dtbacklash.errors import UserError
 
 Answer = TypeVar("Answer")
+#: answers that are under way for which there is room at first
+UNDER_WAY = 16
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class TwinLink(Generic[Answer]):
         if not 0.0 <= self.delay_s < float("inf"):
             raise UserError("twin.delay_s", self.delay_s, "at least 0 s")
 
-        due = np.empty(self.delay + 2, dtype=np.int64)
+        due = np.empty(UNDER_WAY, dtype=np.int64)
         self._struct = struct("TwinLink", length=self.buffer, delay=self.delay, slots=due.size, due=due)
 
     @property
@@ -94,6 +96,12 @@ class TwinLink(Generic[Answer]):
 
     def send(self, k: int, answer: Answer) -> int:
         """The twin's answer to the buffer taken at sample k; returns the sample from which it is in force."""
+        old = self._struct
+        if old.waiting == old.slots:  # none that is under way is lost
+            due = np.empty(2 * old.slots, dtype=np.int64)
+            due[: old.slots] = [old.due[(old.oldest + i) % old.slots] for i in range(old.slots)]
+            same = {name: getattr(old, name) for name in ("length", "delay", "filling", "event", "first", "waiting")}
+            self._struct = struct("TwinLink", slots=due.size, due=due, **same)
         self._answers.append(answer)
         return int(self._struct.due[lib.dtb_link_send(self._struct, k)])
 

@@ -131,6 +131,18 @@ def test_a_law_goes_with_what_lets_it_act():
     assert search.without(model, drags).keys == (yields,)
 
 
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_law_that_acts_little_at_first_is_at_its_own_place(seed):
+    """A small friction of one of two bodies that a spring joins, in a recording that begins quietly."""
+    rig = nominal_rig("two_mass_stage")
+    true = rig.with_effect("carriage", "viscous_friction", {"coefficient": 3.0})
+    u = command(8.0, 1.0, seed - 2)
+    u *= np.where(np.arange(len(u)) > 0.4 * len(u), 1.0, 0.02)
+    assert StepwiseSelection(segments_of(rig, u, recorded(true, u, seed=seed))).run().keys == (
+        ("carriage", "viscous_friction"),
+    )
+
+
 def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
     """The longest one, which need not be the first."""
     rig = nominal_rig("pendulum")

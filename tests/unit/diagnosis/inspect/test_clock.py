@@ -1,11 +1,12 @@
 """Sensors whose log has a clock of its own: found with its rate and set right; never found where there is none."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dtbacklash.diagnosis.inspect.clock import GAIN, clocks
+from dtbacklash.diagnosis.inspect.clock import GAIN, clock_of, clocks
 from dtbacklash.diagnosis.inspect.inspection import inspect
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.physics.simulate import simulate
@@ -66,3 +67,16 @@ def test_machines_with_missing_physics_have_one_clock_and_half_a_percent_is_seen
     seen = [f for f in fast.values() if f is not None]
     assert len(seen) >= 0.5 * len(fast)
     assert np.abs(np.array(seen) - 0.005).max() < 1.5e-3
+
+
+def test_a_long_recording_of_all_frequencies_takes_little_memory():
+    """What is tried grows with the length, what is kept of it does not."""
+    rng = np.random.default_rng(0)
+    u = rng.choice([-1.0, 1.0], 120_000)
+    y = np.cumsum(np.convolve(u, np.exp(-np.arange(200) / 20.0))[: len(u)])
+    tracemalloc.start()
+    clock = clock_of(u, y, 1e-3)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert clock.gain < 1.1
+    assert peak < 60.0 * 8 * len(u)

@@ -79,3 +79,18 @@ def test_wrong_values_are_refused() -> None:
             TwinLink(buffer=buffer, delay_s=delay_s, sample_time_s=1e-3)
     with pytest.raises(ValueError, match=r"0\.\.50"):
         paper_link().open(50, first=51)
+
+
+def test_answers_that_are_sent_late_all_arrive_in_their_order():
+    """More at once than there was room for at first."""
+    link: TwinLink[int] = TwinLink(10, 0.002, 0.001)
+    due = [link.send(k, i) for i, k in enumerate([10 + i for i in range(40)])]
+    assert due == [12 + i for i in range(40)]
+    assert link.arrived(11) == []
+    assert link.arrived(20) == list(range(9))
+    assert link.arrived(100) == list(range(9, 40))
+
+
+def test_an_answer_may_be_under_way_for_longer_than_any_run():
+    link: TwinLink[int] = TwinLink(10, 1e9, 0.001)
+    assert link.send(5, 1) == 5 + 10**12
