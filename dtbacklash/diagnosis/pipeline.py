@@ -354,7 +354,8 @@ class _Course:
         verdict = c.verdict(much.enough)
         named, moved, where = findings(c), recalibrated(c), located(c, verdict)
         told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
-        suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
+        # a search that was stopped has not tried what the names would explain
+        suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED and not self._ending else ""
         parts = (
             suspected, SEARCHED[depth] if c.changes is None else "", differences_said(c),
             summary(

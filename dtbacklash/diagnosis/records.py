@@ -52,7 +52,7 @@ class Record:
     and name of the recording that it is or belongs to. at_once : (N,) the command that a sensor of acceleration shows;
     None: that which was held until then. columns : channel -> what it was read from. otherwise : (N,) the command as it
     may as well have been between its logged values; None where all of it was logged. as_stepped : whether a simulator's
-    own steps made it, as they are.
+    own steps made it, as they are. retimed : whether a sensor had a clock of its own, which was set right.
     """
 
     sample_time_s: float
@@ -68,6 +68,7 @@ class Record:
     otherwise: Floats | None = None
     inputs: Floats | None = None
     as_stepped: bool = False
+    retimed: bool = False
 
     @property
     def samples(self) -> int:

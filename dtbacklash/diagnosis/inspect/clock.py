@@ -151,4 +151,4 @@ def set_right(record: Record, names: Collection[str], fast: float) -> Record:
     for name in set(names) & set(y):
         lost = ~np.isfinite(y[name][near]) | (logged < 0.0) | (logged > at[-1])
         y[name] = np.where(lost, np.nan, CubicSpline(at, filled(y[name]))(logged))
-    return replace(record, y=y)
+    return replace(record, y=y, retimed=True)

@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.resampling import noise_of
 from dtbacklash.diagnosis.engine.rig_simulator import linear_of
-from dtbacklash.diagnosis.inspect.inspection import Fault, Inspected
+from dtbacklash.diagnosis.inspect.inspection import CLOCK, Fault, Inspected
 from dtbacklash.diagnosis.labels import all_in_words
 from dtbacklash.diagnosis.plot_data import Curve, FitTable, ModelErrors, PlotData
 from dtbacklash.diagnosis.records import Record
@@ -77,8 +77,11 @@ def undriven(rig: Rig, found: Inspected, likely: Sequence[tuple[str, str]], left
 
 
 def mended(diagnosis: Diagnosis, found: Inspected) -> Diagnosis:
-    """A diagnosis of what was mended: with the rows of the inspection and what was done; a channel left out is said."""
-    said = [note for note in found.notes if any(note.startswith(name) for name in found.left_out)]
+    """A diagnosis of what was mended: with the rows of the inspection and what was done.
+
+    Its summary begins with channels that were left out, and clocks that were set right.
+    """
+    said = [note for note in found.notes if note.startswith((CLOCK, *found.left_out))]
     return replace(
         diagnosis, summary=" ".join([*said, diagnosis.summary]), checks=(*found.checks, *diagnosis.checks),
         notes=(*found.notes, *diagnosis.notes),

@@ -37,6 +37,8 @@ LEVELS = "docs/recordings.md"
 REPEATED = "equal readings in a row by chance; docs/method.md"
 TURNS = "phase unwrapping: Itoh, Applied Optics 21 (1982) 2470"
 SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/method.md"
+#: a note on a clock begins so
+CLOCK = "The clock of "
 
 
 @dataclass(frozen=True)
@@ -307,8 +309,9 @@ def _clocks(rig: Rig, found: Inspected) -> None:
             found.records = [set_right(r, names, clock.fast) if r.recording == number else r for r in found.records]
             where = f" of recording {number + 1}" if len(known) > 1 else ""
             found.notes.append(
-                f"The clock of {listed(list(names))}{where} is {100 * abs(clock.fast):.3g} % "
-                f"{'fast' if clock.fast > 0.0 else 'slow'} against that of u: set right."
+                f"{CLOCK}{listed(list(names))}{where} is {100 * abs(clock.fast):.3g} % "
+                f"{'fast' if clock.fast > 0.0 else 'slow'} against that of u: set right. What is left of that acts as "
+                "friction and delays do: no name is sure, and intervals are too narrow. Record both with one clock."
             )
 
 

@@ -4,14 +4,18 @@ import tracemalloc
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
+from nominal import nominal_rig
 
+import dtbacklash as dtb
 from dtbacklash.diagnosis.inspect.clock import GAIN, clock_of, clocks
 from dtbacklash.diagnosis.inspect.inspection import inspect
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.physics.simulate import simulate
+from dtbacklash.recording.model import Recording
 
-from ..conftest import STEP_S, failed
+from ..conftest import STEP_S, command, failed
 
 
 def logged(record, fast):
@@ -80,3 +84,19 @@ def test_a_long_recording_of_all_frequencies_takes_little_memory():
     tracemalloc.stop()
     assert clock.gain < 1.1
     assert peak < 60.0 * 8 * len(u)
+
+
+@pytest.mark.check
+def test_after_a_clock_was_set_right_no_name_is_sure():
+    """What is left of a clock may have made the friction that is named."""
+    rig = nominal_rig("pendulum")
+    u, rng = 0.2 * command(30.0, 1), np.random.default_rng(1)
+    shown = simulate(rig.with_effect("disk", "coulomb_friction", {"torque": 0.02}), u[:-1], STEP_S).sensors
+    y = {n: v + 1e-3 * v.std() * rng.standard_normal(len(u)) for n, v in shown.items()}
+    record = Record(STEP_S, u, y, u < np.inf, u > np.inf)
+    t = STEP_S * np.arange(len(u))
+    frame = pd.DataFrame({"t": t, "u": record.u, **logged(record, 0.005).y})
+    found = dtb.diagnose(Recording.from_frame(frame, rig=rig), rig).diagnosis
+    assert found.summary.startswith("The clock of ")
+    assert "Record both with one clock" in found.summary
+    assert all(finding.confidence == "partial" for finding in found.findings)
