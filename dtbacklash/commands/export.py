@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dtbacklash.config.grammar import EXPORT
+from dtbacklash.config.grammar import EXPORT, RUN
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -44,16 +44,19 @@ def main(words: Sequence[str]) -> int:
 
 def _export_controller(words: Sequence[str]) -> None:
     from dtbacklash.commands.console import shown_path
-    from dtbacklash.config.compose import compose
+    from dtbacklash.config.compose import compose_for
+    from dtbacklash.config.run import RunConfig
     from dtbacklash.control.belief import beliefs_of, design_for, settled
-    from dtbacklash.control.c99 import c_source, c_test
+    from dtbacklash.control.c99 import USE, c_source, c_test
     from dtbacklash.control.laws import build_controller
     from dtbacklash.files import written
     from dtbacklash.fmu.controller import write_controller
+    from dtbacklash.twin.c99 import USE as TWIN_USE
     from dtbacklash.version import __version__
 
     own = {key: value for key, _, value in (word.partition("=") for word in words) if key in OWN}
-    config = compose(*(word for word in words if word.partition("=")[0] not in own))
+    others = (word for word in words if word.partition("=")[0] not in own)
+    config = compose_for(replace(RUN, beside=OWN), RunConfig, *others)
     beliefs = beliefs_of(config)
     config = settled(config, beliefs)
     c = replace(config.controller, limit_v=config.controller.limit_v or LIMIT_V)
@@ -63,34 +66,49 @@ def _export_controller(words: Sequence[str]) -> None:
     forward = beliefs.design.feed_forward(tuple(c.compensate))
     first_rad = math.radians(c.gap_hat_deg or 0.0)
     about = f"{c.name} for {beliefs.design.rig.config.name}, made by dtbacklash {__version__}: " + " ".join(words)
-    path, fmi = Path(own.get("out", c.name + C_SUFFIX)), own.get("fmi", "2")
-    if path.suffix not in (C_SUFFIX, FMU_SUFFIX):
-        raise UserError("out", str(path), f"must end in {C_SUFFIX} or {FMU_SUFFIX}")
-    if fmi not in ("2", "3") or ("fmi" in own and path.suffix == C_SUFFIX):
-        raise UserError("fmi", fmi, f"2 or 3, the version of FMI of a file that ends in {FMU_SUFFIX}")
-    with_twin = own.get("with_twin", "false")
-    if with_twin not in ("true", "false") or (with_twin == "true" and path.suffix == FMU_SUFFIX):
-        raise UserError("with_twin", with_twin, f"true or false; true with a file that ends in {C_SUFFIX}")
+    path, fmi, with_twin = _form(own, c.name + C_SUFFIX)
     controller = build_controller(c, design, forward)
-    source = c_source(controller, first_rad, about)
-    if with_twin == "true":
+    source = c_source(controller, first_rad, about, TWIN_USE if with_twin else USE)
+    if with_twin:
         source += _twin(config, beliefs.twin, design)
     if path.suffix == FMU_SUFFIX:
         name = re.sub(r"\W", "_", c.name, flags=re.ASCII)
-        write_controller(source, name, about, first_rad, controller.sample_time, int(fmi), path.absolute(), str(path))
+        write_controller(source, name, about, first_rad, controller.sample_time, fmi, path.absolute(), str(path))
         print(f"FMI {fmi}.0, co-simulation: r, theta_m and q3 in, u out; whole steps of {controller.sample_time:g} s")
     else:
         test = path.with_name(path.stem + "_test.c")
         for one, text in {path: source, test: c_test(controller, first_rad, path.name)}.items():
             with written(one.absolute(), "out", str(one), parents=False) as whole:
                 whole.write_text(text, encoding="utf-8")
-        what = "twin_step(&t, r, y)" if with_twin == "true" else "controller_step(&c, r, y)"
+        what = "twin_step(&t, r, y)" if with_twin else "controller_step(&c, r, y)"
         print(f"one sample: {what}, with y = (measured angle rad, measured output m); in V")
-        if with_twin == "true":
+        if with_twin:
             print("in the background: twin_estimate(&t)")
         print(shown_path(test))
     print(f"at most {c.limit_v:g} V (controller.limit_v)")
     print(shown_path(path))
+
+
+def _form(own: dict[str, str], default: str) -> tuple[Path, int, bool]:
+    """The file, the version of FMI, and whether the twin is in it, of the words beside the settings of a run.
+
+    Raises
+    ------
+    UserError : one of these is not allowed, or not with the others.
+    """
+    path, fmi = Path(own.get("out", default)), own.get("fmi", "2")
+    if path.suffix not in (C_SUFFIX, FMU_SUFFIX):
+        raise UserError("out", str(path), f"must end in {C_SUFFIX} or {FMU_SUFFIX}")
+    if fmi not in ("2", "3"):
+        raise UserError("fmi", fmi, f"2 or 3, the version of FMI of a file that ends in {FMU_SUFFIX}")
+    if "fmi" in own and path.suffix == C_SUFFIX:
+        raise UserError("out", own.get("out", "(missing)"), f"must end in {FMU_SUFFIX} with fmi={fmi}")
+    if own.get("with_twin", "false") not in ("true", "false"):
+        raise UserError("with_twin", own["with_twin"], f"true or false; true with a file that ends in {C_SUFFIX}")
+    with_twin = own.get("with_twin") == "true"
+    if with_twin and path.suffix == FMU_SUFFIX:
+        raise UserError("out", str(path), f"a file that ends in {C_SUFFIX} with with_twin=true")
+    return path, int(fmi), with_twin
 
 
 def _twin(config: RunConfig, belief: Belief, design: ControllerDesign) -> str:

@@ -34,6 +34,7 @@ class Grammar:
     """One command: its ``schema`` as ``module:class``, the ``groups`` of ``conf`` that it takes, and its help.
 
     in_open_loop : whether the reference is the rig's command unless a controller is chosen.
+    beside : settings that are none of the schema's.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Grammar:
     examples: Sequence[str]
     after: str = ""
     in_open_loop: bool = False
+    beside: Sequence[str] = ()
 
     @cached_property
     def schema(self) -> type:
@@ -83,7 +85,7 @@ class Grammar:
 
     def known_keys(self) -> list[str]:
         """Everything that may be set, as a person writes it."""
-        own = [one.word for one in self.settings.values()]
+        own = [*(one.word for one in self.settings.values()), *self.beside]
         return own if self.one_file else [*own, FOLDER_WORD, RUN_FOLDER, SWEEP_FOLDER, JOBS_KEY]
 
     @property

@@ -13,9 +13,7 @@ from dtbacklash.control.laws import Controller, control_step, law_fields, new_co
 
 HEAD = """/* {about}
  *
- * controller c;  controller_start(&c, y);  then every {sample_time:g} s:
- * double u = controller_step(&c, r, y);   r in m, y = (measured angle rad, measured output m), u in V, |u| <= {limit:g}
- * controller_set_gap(&c, half_gap, growth, seconds): a new estimate; controller_reset(&c, y): at rest anew, where y is.
+{use} * r in m, y = (measured angle rad, measured output m), u in V, |u| <= {limit:g}
  * A value that is not finite or above {sane:g} is held at the last good one, and counted in c.held.
  */
 #include <math.h>
@@ -23,8 +21,14 @@ HEAD = """/* {about}
 #include <stdint.h>
 #include <string.h>
 """
+#: how the controller is called
+USE = """ * controller c;  controller_start(&c, y);  then every {sample_time:g} s: double u = controller_step(&c, r, y);
+ * controller_set_gap(&c, half_gap, growth, seconds): a new estimate; controller_reset(&c, y): at rest anew, where y is.
+"""
 #: runs the vector of the file beside it
-TEST = """/* The law of {name} beside the voltages of the run's: cc -std=c99 {name_test} -lm && ./a.out */
+TEST = """/* The law of {name} beside the voltages of the run's: cc -std=c99 {name_test} -lm && ./a.out
+ * The vector is of controller_step() with one gap: of the law, without a twin.
+ */
 #include <stdio.h>
 #include "{name}"
 
@@ -52,10 +56,11 @@ SANE = 1e6
 ROWS = 400
 
 
-def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> str:
+def c_source(controller: Controller, first_half_gap_rad: float, about: str, use: str = USE) -> str:
     """The whole C file of a controller: the core's own law with its numbers.
 
     first_half_gap_rad : that it believes in after a reset. about : one line on what it is, for its head.
+    use : how it is called, in lines of that comment; ``{sample_time:g}`` in it becomes the sample time, s.
     """
     C = controller
     w_unit, s_unit, x_rest = rests(C)
@@ -76,7 +81,8 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     inside = (f".{name} = {_entry(name, value)}" for name, value in fields.items())
     law = [core_file("arithmetic.h"), core_file("control.h"), core_file("control.c", PYTHON)]
     own = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
-    head = HEAD.format(about=about.replace("*/", "* /"), sample_time=C.sample_time, limit=C.limit, sane=SANE)
+    use = use.format(sample_time=C.sample_time)
+    head = HEAD.format(about=about.replace("*/", "* /"), use=use, limit=C.limit, sane=SANE)
     values = "static const Controller LAW = {" + ", ".join(inside) + "};"
     return "\n".join([head, *law, *lines, values, "", own])
 

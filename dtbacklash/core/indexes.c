@@ -1,8 +1,6 @@
 /* Novelty: the amplitude of a mode by a lock-in filter, and the indexes that tell which subsystem has changed. */
 #include "core.h"
 
-static const double TURN = 6.283185307179586;
-
 /* Amplitude of the mode after one more sample of the prediction error, in the error's unit.
  *
  * The oscillator is a rotating phasor, pulled back to the unit circle every sample, so that it neither grows nor fades
@@ -37,6 +35,8 @@ void dtb_lock_in(const LockIn *L, int64_t n, const double *errors, double *out)
     for (int64_t k = 0; k < n; k++)
         out[k] = lock_in(L, errors[k]);
 }
+
+static const double TURN = 6.283185307179586;
 
 /* The torque that is left over at the newest sample, N m, and the speed, rad/s, both through two lags.
  *

@@ -15,6 +15,12 @@ from dtbacklash.twin.gap.model_error import model_terms
 from dtbacklash.twin.gap.novelty import NoveltyDesign
 from dtbacklash.twin.gap.observer import Lags, Path, TwinModel
 
+#: how a controller with its twin is called: lines of the file's first comment
+USE = """ * twin_controller t;  twin_start(&t, y);  then every {sample_time:g} s, where the samples are taken:
+ * double u = twin_step(&t, r, y);   and in the background, as often as you like:  twin_estimate(&t);
+ * which returns 1 when it has made an estimate of the gap, t.found: twin_step() puts it in force.
+ * The controller c is t.c. twin_step() sets its gap at every sample: controller_set_gap() has no effect.
+"""
 #: the core's files, each up to the line from which on it is for `dtb run` alone
 PARTS = {
     "twin.h": None, "loop.h": None, "adaptation.h": None, "twin.c": "/* ---- the simulated twin ---- */",

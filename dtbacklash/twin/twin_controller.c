@@ -1,10 +1,8 @@
 /* The twin beside the controller: what it records, when it is asked, and what becomes of its answer.
  *
- * twin_controller t;  twin_start(&t, y);  then every sample time, in the interrupt that takes the samples:
- * double u = twin_step(&t, r, y);   as controller_step()
- * and in the background, as often as you like:  twin_estimate(&t);
- * which returns 1 when it has made an estimate, t.found. It may take as long as the delay of the link (twin.delay_s):
- * only then its answer is in force. A later one is in force when it is there. Both belong on one processor.
+ * twin_step() belongs into the interrupt that takes the samples, twin_estimate() into the background of the same
+ * processor. An estimate may take as long as the delay of the link (twin.delay_s): only then its answer is in force.
+ * A later one is in force when it is there.
  */
 
 enum { NOTHING, REQUESTED, ANSWERED };

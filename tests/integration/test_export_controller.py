@@ -87,7 +87,7 @@ CASES = {
 }
 
 
-STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-Wno-unused-const-variable")
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror")
 
 
 @pytest.fixture(scope="module")
@@ -250,8 +250,18 @@ def test_as_an_fmu_it_gives_the_voltages_of_the_law(tmp_path, monkeypatch, versi
 
 def test_mistakes_are_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for words in (["controller=open_loop"], ["out=it.txt"], ["out=it.fmu", "fmi=1"], ["fmi=3"]):
+    for words in (["controller=open_loop"], ["out=it.txt"], ["out=it.fmu", "fmi=1"]):
         assert words[-1].partition("=")[0] in refusal(capsys, "export", "controller", *words)
+    for words, allowed in {
+        "fmi=3": "out=(missing): must end in .fmu with fmi=3",
+        "fmi=3 out=it.c": "out=it.c: must end in .fmu with fmi=3",
+        "out=it.fmu with_twin=true": "out=it.fmu: a file that ends in .c with with_twin=true",
+        "with_twins=true": "with_twins=true: no such setting; did you mean with_twin?",
+        "fmu=3": "fmu=3: no such setting; did you mean fmi?",
+    }.items():
+        assert refusal(capsys, "export", "controller", *words.split()) == f"{allowed}\n"
+    others = refusal(capsys, "export", "controller", "xyzzy=1").partition("choose one of ")[2].split(", ")
+    assert {"controller", "fmi", "with_twin"} < set(map(str.strip, others))
     monkeypatch.setattr("dtbacklash.core.build.compiler", list)
     refusal(capsys, "export", "controller", "out=it.fmu")
     assert list(tmp_path.iterdir()) == []
