@@ -133,7 +133,7 @@ def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
         zeros.to_csv(entry / f"{case['case']}.csv", index=False)
     words = ["benchmark", "score", str(entry), str(bench), "split=all"]
     assert cli.main(words) == 2  # the second case is sealed
-    assert "is sealed; give key=FILE" in capsys.readouterr().err
+    assert "the scored cases are sealed; give key=FILE" in capsys.readouterr().err
     assert cli.main([*words, f"key={bench.with_name('bench.key')}"]) == 0
     said = capsys.readouterr()
     assert said.err.splitlines() == [
