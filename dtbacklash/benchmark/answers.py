@@ -99,6 +99,10 @@ class Answers:
     problems: list[str] = field(default_factory=list)
 
 
+class Foreign(ValueError):
+    """A row about a case that the benchmark lacks, or about a place that another machine of it has."""
+
+
 def read(folder: Path, cases: Mapping[str, str], places: Mapping[str, Mapping[str, str]]) -> Answers:
     """Read ``answers.csv``, and ``cases.txt`` with the cases that the tool worked on (default: all).
 
@@ -118,17 +122,23 @@ def read(folder: Path, cases: Mapping[str, str], places: Mapping[str, Mapping[st
         raise UserError("answers", folder / FILE, f"lacks the column {missing[0]}; it has {', '.join(COLUMNS)}")
     if double := [name for name in COLUMNS if names.count(name) > 1]:
         raise UserError("answers", folder / FILE, f"has two columns {double[0]}")
+    rows = foreign = 0
     for number, line in enumerate(lines, 2):
         try:
             cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True), [])]
             if any(cells[len(names) :]):
                 raise ValueError("more cells than columns; a decimal comma takes semicolons between columns")
             if any(cells):
+                rows += 1
                 row = dict(zip(names, cells, strict=False))  # a row may be short, or end in empty cells
                 _add(found, _row(row, cases, places, delimiter == ";"))
         except (ValueError, csv.Error) as error:
             problem = " ".join(str(error).split())
             found.problems.append(f"{FILE}, line {number}: {problem}; the row is left out")
+            foreign += isinstance(error, Foreign)
+    if foreign > 1:  # one alone has its line
+        what = f"{foreign} of {rows} rows are about cases that this benchmark lacks, or places of other machines"
+        found.problems.insert(0, f"{FILE}: {what}; were they made for another benchmark?")
     return found
 
 
@@ -152,8 +162,11 @@ def _row(cells: dict[str, str], cases: Mapping[str, str], places: Mapping[str, M
     """One row; raises ValueError: what is wrong with it."""
     case = cells.get("case", "").removesuffix(".0").zfill(3)
     if case not in cases:
-        raise ValueError(f"no case {cells.get('case', '')[:MESSAGE_CHARACTERS]!r}")
-    place = vocabulary.word_of(cells.get("place", ""), places[cases[case]])
+        raise Foreign(f"no case {cells.get('case', '')[:MESSAGE_CHARACTERS]!r}")
+    machine, said = cases[case], vocabulary.plain(cells.get("place", ""))
+    if said not in places[machine] and any(said in other for other in places.values()):
+        raise Foreign(f"case {case} is of {machine}, which has no place {cells['place'][:MESSAGE_CHARACTERS]!r}")
+    place = vocabulary.word_of(cells.get("place", ""), places[machine])
     effect = vocabulary.word_of(cells.get("effect", ""), vocabulary.effects())
     size, low, high, certainty = (_number(cells, name, comma) for name in ("size", "low", "high", "certainty"))
     if low is not None and high is not None and low > high:

@@ -80,8 +80,10 @@ def truth_of(case: Path, key_file: Path | None) -> Truth:
         if file.is_file():
             return Truth.from_json(file.read_text(encoding="utf-8"))
         if key_file is None:
-            raise UserError("key", "(missing)", f"the answer of case {case.name} is sealed; give key=FILE")
+            raise UserError("key", "(missing)", "the scored cases are sealed; give key=FILE, or split=development")
         return Truth.from_json(seal.open_text(case, key_file, sealed_content(case), "one of its public files"))
+    except UserError:
+        raise
     except OSError as error:
         raise UserError("bench", file, f"cannot be read: {reason(error)}") from error
     except (ValueError, TypeError, KeyError) as error:

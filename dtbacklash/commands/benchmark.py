@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -52,7 +53,8 @@ def _score(words: Sequence[str]) -> int:
     if len(folders) != 2:
         raise UserError("argument", " ".join(folders) or "(missing)", "write dtb benchmark score ANSWERS BENCH")
     answers, bench = (Path(folder).expanduser().absolute() for folder in folders)
-    out = Path(config.out).expanduser().absolute() if config.out else answers.with_name(f"{answers.name}_score")
+    out = Path(config.out or time.strftime(f"outputs/%Y-%m-%d/%H-%M-%S_score_{answers.name.replace('%', '%%')}"))
+    out = out.expanduser().absolute()
     key = Path(config.key).expanduser() if config.key else None
     score = score_folder(answers, bench, key, config.split, config.tool or answers.name)
     page.write(score, out)

@@ -114,12 +114,22 @@ def _one(name: str, rig: Rig | None) -> list[str]:
 def _detail(effect: Effect) -> list[str]:
     kind = type(effect.slot).__doc__ or ""
     lines = [f"  law     {effect.law}", f"  acts    {kind.splitlines()[0]}", f"  source  {effect.source}"]
-    lines.append("  said    " + effect.sentence)
+    lines.append("  said    " + _said(effect))
     for p in effect.parameters:
-        neutral = "" if p.neutral is None else f", does nothing at {p.neutral:g}"
+        what = "does nothing at {:g}" if p is effect.size else "{:g} if not given"
+        neutral = "" if p.neutral is None else ", " + what.format(p.neutral)
         bounds = f"{p.low:g} to {p.high:g}, usually {p.typical:g}{neutral}, {p.role.value}"
         lines.append(f"    {_with_unit(p):<28} {bounds}")
     return lines
+
+
+def _said(effect: Effect) -> str:
+    """What a report says of it where its parameters are the usual ones."""
+    from dtbacklash.report.components.numbers import quantity
+
+    usual = {p.name: p.typical for p in effect.parameters}
+    shown = {p.name: quantity(p.typical, p.unit) for p in effect.parameters}
+    return effect.said(effect.idle(usual)).format(location=effect.kind, **shown)
 
 
 def _with_unit(parameter: Parameter) -> str:

@@ -35,7 +35,7 @@ class ScoreConfig:
     """Answers to score."""
 
     key: str | None = setting(None, "file of the key; needed for cases whose answers are sealed", path=INPUT)
-    out: str | None = setting(None, "folder of the score (default: ANSWERS_score, beside the answers)", path=OUTPUT)
+    out: str | None = setting(None, "folder of the score (default: outputs/<date>/<time>_score_<answers>)", path=OUTPUT)
     split: str = setting("scored", "which cases count; the answers of the others are open", choices=SPLITS)
     tool: str | None = setting(None, "name of the tool (default: that of the folder of its answers)")
 

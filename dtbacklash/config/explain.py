@@ -130,7 +130,8 @@ def _composition(error: Exception, words: Sequence[str], grammar: Grammar) -> Us
     if "--multirun" in text:
         found = re.search(r"'([^'=]+)=(.*?)'(?:\n| requires|$)", text)
         key, value = (found.group(1).lstrip("+"), found.group(2)) if found else ("argument", "...")
-        if re.fullmatch(r"[+-]?\d+,\d+( [^,]*)?", value):
+        decimal = kind_of(key, grammar) == "a number" or key.startswith(grammar.open_mappings)
+        if decimal and re.fullmatch(r"[+-]?\d+,\d+( [^,]*)?", value):
             point = value.replace(",", ".")
             return UserError(key, value, f"write a decimal point ({point}); with -m a comma separates several values")
         return UserError(key, value, "takes one value here; give several with -m (a sweep)")

@@ -122,7 +122,8 @@ def test_numpy_and_pandas_alone_read_every_file(bench):
 
 
 @pytest.mark.check
-def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
+def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     cases = [json.loads((folder / "case.yaml").read_text()) for folder, _ in concealed(bench)]
     entry = tmp_path / "hand"
     entry.mkdir()
@@ -133,17 +134,19 @@ def test_an_entry_made_by_hand_scores(bench, tmp_path, capsys):
         zeros.to_csv(entry / f"{case['case']}.csv", index=False)
     words = ["benchmark", "score", str(entry), str(bench), "split=all"]
     assert cli.main(words) == 2  # the second case is sealed
-    assert "is sealed; give key=FILE" in capsys.readouterr().err
+    assert "the scored cases are sealed; give key=FILE" in capsys.readouterr().err
     assert cli.main([*words, f"key={bench.with_name('bench.key')}"]) == 0
     said = capsys.readouterr()
     assert said.err.splitlines() == [
         "dtb: answers.csv, line 3: 'nonsense' is not in the vocabulary; the row is left out"
     ]
-    figures = pd.read_csv(tmp_path / "hand_score" / "score.csv").set_index(["name", "group"])
+    (score,) = tmp_path.glob("outputs/*/*_score_hand")
+    figures = pd.read_csv(score / "score.csv").set_index(["name", "group"])
     assert figures.loc[("prediction", "all"), ["of", "value"]].tolist() == [6, np.inf]  # two of six predicted
     assert 1.0 < figures.loc[("prediction", "all"), "low"] < np.inf
     assert figures.loc[("nothing", "all"), "right"] == 1  # of the one that lacks nothing, nothing was said
-    assert (tmp_path / "hand_score" / "report.html").is_file()
+    assert (score / "report.html").is_file()
+    assert {path.name for path in tmp_path.iterdir()} == {"hand", "outputs"}
 
 
 @pytest.mark.check

@@ -44,6 +44,19 @@ def test_a_wrong_row_gets_one_line_and_the_others_count(answers, row, said):
     assert set(found.rows) == {"002", "003"}
 
 
+def test_answers_that_were_made_for_another_benchmark_are_told(answers):
+    places = {**PLACES, "pendulum": {"disk": "disk", "table": "table"}}
+    rows = "1,disk,gravity\n2,disk,lag\n44,table,lag\n3,table,lag\n3,dsik,lag\n"
+    found = read(answers("case,place,effect\n" + rows), MACHINES, places)
+    assert found.problems[:2] == [
+        "answers.csv: 3 of 5 rows are about cases that this benchmark lacks, or places of other machines; "
+        "were they made for another benchmark?",
+        "answers.csv, line 2: case 001 is of stage, which has no place 'disk'; the row is left out",
+    ]
+    assert list(found.rows) == ["003"]
+    assert len(read(answers("case,place,effect\n1,disk,gravity\n"), MACHINES, places).problems) == 1
+
+
 def test_cases_that_were_left_out_are_not_counted(answers):
     folder = answers(HEAD + "2,table,lag,,,,,\n")
     (folder / "cases.txt").write_text("1\n003 77\n")

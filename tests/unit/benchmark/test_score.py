@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from told import refused
 
 from dtbacklash.benchmark.files import truth_of
 from dtbacklash.benchmark.score import error_ratio, score_folder
@@ -119,8 +120,11 @@ def test_the_page_and_its_tables_say_the_same(scored, tmp_path):
 
 def test_sealed_answers_need_their_key(bench, answers):
     (bench / "cases" / "001" / "answer.json").unlink()
-    with pytest.raises(UserError, match="is sealed"):
+    said = "key=(missing): the scored cases are sealed; give key=FILE, or split=development"
+    with refused(whole=said):
         score_folder(answers(HEAD), bench, None, "all", "tool")
+    with refused(start=f"key={bench / 'none.key'}: "):
+        score_folder(answers(HEAD), bench, bench / "none.key", "all", "tool")
 
 
 def test_what_is_no_benchmark_is_refused(tmp_path, answers):

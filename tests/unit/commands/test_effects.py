@@ -55,6 +55,22 @@ def test_one_effect_in_detail(capsys):
     assert "rotor" not in out
 
 
+@pytest.mark.parametrize("name", sorted({name for _, name in CATALOGUE}))
+def test_what_a_report_says_is_shown_with_usual_values(capsys, name):
+    _, out, _ = answer(capsys, name)
+    said = [line for line in out.splitlines() if line.startswith("  said ")]
+    assert len(said) == sum(name == other for _, other in CATALOGUE)
+    assert not [line for line in said if set("{}") & set(line)]
+
+
+def test_only_a_size_is_said_to_do_nothing(capsys):
+    """A drive that brakes again from 0 V on still lets a body coast without a command."""
+    _, out, _ = answer(capsys, "coasting", "rig=pendulum")
+    assert "The drive lets the rotor coast: without a command it brakes it by 0.001 N m s/rad less.\n" in out
+    assert "usually 0.001, does nothing at 0, size\n" in out
+    assert "usually 0, 0 if not given, shape\n" in out
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [

@@ -3,6 +3,7 @@
 import errno
 
 import pytest
+from told import refusal
 
 from dtbacklash.config.explain import explain
 from dtbacklash.config.grammar import GRAMMARS, kind_of
@@ -28,3 +29,15 @@ def test_a_folder_that_cannot_be_made_is():
 )
 def test_of_a_list_it_is_said_what_it_holds(command, key, said):
     assert kind_of(key, GRAMMARS[command]) == said
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("seed=1,2", "takes one value here; give several with -m (a sweep)"),
+        ("controller=1,2", "takes one value here; give several with -m (a sweep)"),
+        ("controller.limit_v=1,2", "write a decimal point (1.2); with -m a comma separates several values"),
+    ],
+)
+def test_a_decimal_comma_is_meant_only_where_a_number_has_decimals(capsys, word, said):
+    assert refusal(capsys, "run", word) == f"{word}: {said}\n"
