@@ -41,7 +41,7 @@ STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step brings less (share of the sum of squares; sum of squares), or promises a share of that
-ENOUGH, CONVERGED = (1e-5, 2.0), 0.1
+ENOUGH, CONVERGED = (1e-4, 20.0), 1e-3
 #: damping with which a fit begins (Marquardt's lambda)
 DAMPED = 1e-3
 #: a Jacobian serves on by its secants while falls are as promised, within this share
@@ -263,7 +263,7 @@ class FitProblem:
                 J += secant(gram, taken[1] - rows - J @ taken[0], taken[0])
                 x, rows, damping = x + taken[0], taken[1], damping / 8.0
                 trusted = abs(fall - promised) <= TRUSTED * promised
-                if fall < least and (fresh or trusted):
+                if fresh and fall < least:
                     break
                 fresh = False
             if turn - cut < steps and (taken is None or not trusted):
