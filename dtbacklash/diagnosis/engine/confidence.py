@@ -36,7 +36,8 @@ class Rival:
     with the name. t : view -> lead over it in standard errors. agree : share of the stretches, in all views.
     ratio : rms that it leaves at the long horizon, over that of the model. container : whether its law holds the
     name's as a special case. beaten : whether the name leads it in every view, and it costs more.
-    ahead : whether it leads the name in one, and leaves less there by as much.
+    ahead : whether it leads the name in one, and leaves less there by as much. suffices : whether the name does not
+    lead it where the readings correct little, parameters counted as Akaike does (Vuong, Econometrica 57 (1989) 307).
     """
 
     keys: tuple[Key, ...]
@@ -48,16 +49,12 @@ class Rival:
     container: bool
     beaten: bool
     ahead: bool = False
+    suffices: bool = False
 
     @property
     def least(self) -> float:
         """The smallest lead, in standard errors."""
         return min(self.t.values())
-
-    @property
-    def leaves_less(self) -> bool:
-        """Whether it leaves less than the name where the readings correct little."""
-        return min(self.t[LONG], self.t[WHITE]) < 0.0
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ class ConfidenceTest:
                 rival = self._rival(less, key, less) if less is not None else None
                 if rival is not None:
                     found[key] = rival
-            ahead = [key for key, rival in found.items() if rival.leaves_less]
+            ahead = [key for key, rival in found.items() if rival.suffices]
             if not ahead:
                 return found
             worst = min(ahead, key=lambda key: found[key].ratio)
@@ -179,7 +176,7 @@ class ConfidenceTest:
         if mine is None or other is None:  # a rival that strays at these noise levels, far behind at its own, is none
             strays = mine is not None and lead > self.rules.min_gain * self.segments.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan
-            costs, ahead = lead, lead < -self.search.least
+            costs, ahead, suffices = lead, lead < -self.search.least, False
         else:
             t = {view: paired_t(other.views[view], mine.views[view]) for view in VIEWS}
             agree = float(np.mean([other.views[view] > mine.views[view] for view in VIEWS]))
@@ -187,9 +184,11 @@ class ConfidenceTest:
             costs = other.cost - mine.cost
             falls = {v: self.segments.count * np.log(mine.views[v].sum() / other.views[v].sum()) for v in VIEWS}
             ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)
+            fewer = np.exp(-2.0 * (self.model.counts - m.counts) / self.segments.count)
+            suffices = min(paired_t(fewer * other.views[view], mine.views[view]) for view in (LONG, WHITE)) < 0.0
         # what earns no name tells none from another, either
         beaten = min(t.values()) > self.rules.min_t and costs > self.search.least
-        return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead)
+        return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead, suffices)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:
         """Whether another law at the place is a table, becomes it, or has more parameters: friction, filter, wave."""

@@ -100,12 +100,12 @@ def test_what_leads_all_but_laws_that_fit_alike_is_one_of_these():
 
 
 def test_a_name_that_loses_to_the_rig_without_it_leaves():
-    """A low-pass far above the motion joins by nothing but what a short horizon shows, and leaves; friction stays."""
+    """A delay that fits shrink to nothing explains nothing at a long horizon, and leaves; friction stays."""
     search, found = judged(COULOMB, torque=0.02)
     idle = ("sensor_theta", "delay")
     rig = found.model.rig.with_effect(*idle, {"time": 2e-3})
     before = search.now
-    search.now = replace(found.model, rig=rig, keys=(*found.model.keys, idle))
+    search.now = replace(found.model, rig=rig, keys=(*found.model.keys, idle), counts=found.model.counts + 1.0)
     again = ConfidenceTest(search).judged()
     assert again.model.keys == (COULOMB,)
     assert search.now is again.model
