@@ -114,7 +114,7 @@ def _one(name: str, rig: Rig | None) -> list[str]:
 def _detail(effect: Effect) -> list[str]:
     kind = type(effect.slot).__doc__ or ""
     lines = [f"  law     {effect.law}", f"  acts    {kind.splitlines()[0]}", f"  source  {effect.source}"]
-    lines.append("  said    " + _said(effect))
+    lines.append("  said    " + _usual_sentence(effect))
     for p in effect.parameters:
         what = "does nothing at {:g}" if p is effect.size else "{:g} if not given"
         neutral = "" if p.neutral is None else ", " + what.format(p.neutral)
@@ -123,8 +123,8 @@ def _detail(effect: Effect) -> list[str]:
     return lines
 
 
-def _said(effect: Effect) -> str:
-    """What a report says of it where its parameters are the usual ones."""
+def _usual_sentence(effect: Effect) -> str:
+    """The sentence of a report with the usual values of its parameters."""
     from dtbacklash.report.components.numbers import quantity
 
     usual = {p.name: p.typical for p in effect.parameters}

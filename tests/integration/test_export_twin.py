@@ -4,18 +4,15 @@ import ctypes
 import math
 import shutil
 import subprocess
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from steady_twin import SteadyTwin
 from told import refusal
 
 from dtbacklash import cli
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.twin.gap.estimate import Estimate
-from dtbacklash.twin.gap.guard import Attempt, Verdict
-from dtbacklash.twin.link.service import Answer, Reply
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
@@ -58,26 +55,6 @@ int says(twin_controller *t, double gap)
     return 1;
 }
 """
-
-
-@dataclass
-class Says:
-    """A twin that always answers with the same gap, rad."""
-
-    gap: float
-    waiting: list = field(default_factory=list)
-
-    def warm_up(self):
-        pass
-
-    def ask(self, request):
-        estimate = Estimate(self.gap, self.gap, 0.0, 0.0, 0.0, 0.0, math.inf, 1, True, "", 0.0)
-        answer = Answer((Attempt(estimate, Verdict(True, "sure"), self.gap),), True, 0.0)
-        self.waiting.append(Reply(request, answer))
-
-    def replies(self):
-        found, self.waiting = self.waiting, []
-        return found
 
 
 def exported(folder, monkeypatch, *words):
@@ -138,7 +115,7 @@ def test_a_gap_in_which_the_loop_goes_round_is_taken_back_as_in_the_run(tmp_path
              "controller.gap_hat_deg=5", "reference.period_s=20", "duration_s=39", "twin.delay_s=0.5",
              "controller.limit_v=12")  # fmt: skip
     gap = math.radians(60)
-    run = run_scenario(compose(*words), service=Says(gap))
+    run = run_scenario(compose(*words), service=SteadyTwin(gap))
     u, estimates = replayed(exported(tmp_path, monkeypatch, *words), run.seen, gap)
     assert "taken back" in run.estimates["reason"].iloc[0]
     assert "not put in force" in run.estimates["reason"].iloc[1]

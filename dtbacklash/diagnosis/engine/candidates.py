@@ -78,29 +78,30 @@ class CandidateSensitivities:
         base = problem.residuals(x, gains)
         assert base is not None
         data = problem.innovation_rows
-        jacobian = np.zeros((len(base), 0)) if alone else problem.step_jacobian(x, gains, base)
+        rough, rows = problem.coarsely(x, gains, base)
+        jacobian = np.zeros((len(base), 0)) if alone else rough.jacobian(x, gains, rows)
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         self._set_base(base, jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12], data)
-        make = ColumnMaker(segments, problem.rig(x), gains, motion, base[:data])
+        make = ColumnMaker(rough.segments, problem.rig(x), gains, motion, rows[:data])
         asked = list(hypotheses(segments, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
         asked = [h for h in asked if only is None or h.key in only]
         falls = len(asked) if bounded or every else FALLS
         starts = np.cumsum([0, *(h.columns for h in asked)])
         columns = np.empty((starts[-1], data))  # rows that nothing is written to take no memory
-        rows = {h: columns[a:b] for h, (a, b) in zip(asked, pairwise(starts), strict=True)}
-        made = spread(lambda those: self._in_order(those, make, falls, rows), by_delay(asked))
+        places = {h: columns[a:b] for h, (a, b) in zip(asked, pairwise(starts), strict=True)}
+        made = spread(lambda those: self._in_order(those, make, falls, places), by_delay(asked))
         counts, first = dict(chain.from_iterable(made)), 0
         for h in asked:
             if count := counts.get(h, 0):
-                columns[first : first + count] = rows[h][:count]
+                columns[first : first + count] = places[h][:count]
                 self.hypotheses.append((h, slice(first, first + count)))
                 first += count
         self._project(columns[:first])
         self.ranked = self._ranked()
 
     def _in_order(
-        self, those: Sequence[Hypothesis], make: ColumnMaker, falls: int, rows: dict[Hypothesis, Floats]
+        self, those: Sequence[Hypothesis], make: ColumnMaker, falls: int, places: dict[Hypothesis, Floats]
     ) -> list[tuple[Hypothesis, int]]:
         """Fill in the columns of a signal that is later and later, until so many in a row explain less than one before.
 
@@ -109,7 +110,7 @@ class CandidateSensitivities:
         made, best, fell = [], 0.0, 0
         for h in those:
             columns = attempt(make.columns, h) or []
-            for row, column in zip(rows[h][: len(columns)], columns, strict=True):
+            for row, column in zip(places[h][: len(columns)], columns, strict=True):
                 row[:] = column
             made.append((h, len(columns)))
             if len(those) == 1:  # nothing that is later follows

@@ -16,15 +16,12 @@ from dtbacklash.physics.rig import Rig
 
 
 class ColumnMaker:
-    """Makes the columns around a rig, at given gains. rows : its innovations (rows,)."""
+    """Makes the columns around a rig, at given gains. rows : its innovations (rows,) on these segments."""
 
     def __init__(self, segments: Segments, rig: Rig, gains: Sequence[Gains], motion: Motion, rows: Floats) -> None:
         self.segments, self.rig, self.gains, self.motion = segments, rig, gains, motion
         self.plants = [p.simulated.linear(rig) for p in segments.predictors]
-        # coarse steps will do for what a law adds: they err alike with it and without it
-        coarse = segments.coarse
-        coarse_rows = rows if coarse is segments else coarse.residuals(rig, gains)
-        self._coarse, self._rows = (segments, rows) if coarse_rows is None else (coarse, coarse_rows)
+        self._rows = rows
 
     def columns(self, h: Hypothesis) -> list[Floats] | None:
         """The columns of a hypothesis; None where the rig cannot have it, or it shows nowhere."""
@@ -53,7 +50,7 @@ class ColumnMaker:
             values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
             if not h.as_it_is:
                 values[size] = per = SMALL * values[size]
-            rows = self._coarse.residuals(self.rig.with_effect(*h.key, values), self.gains)
+            rows = self.segments.residuals(self.rig.with_effect(*h.key, values), self.gains)
             if rows is None or not per:
                 return None
             found.append((rows - self._rows) / per)

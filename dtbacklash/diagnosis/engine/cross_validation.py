@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.fit import STEP_MAX, FitProblem, FittedModel
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.intervals import inverse
+from dtbacklash.diagnosis.engine.least_squares import STEP_MAX
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.recording_effects import split

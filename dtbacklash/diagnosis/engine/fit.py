@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnosis.engine.least_squares import DAMPED, STEP_MAX, damped_step, secant
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.parameters import (
     FreeParameter,
@@ -36,14 +37,10 @@ from dtbacklash.physics.rig import Rig
 STIFF = 10.0
 #: rungs of the ladder: shares of the noise levels
 LADDER = (0.1, 0.1, 0.1, 1.0)
-#: a step goes no further in x
-STEP_MAX = 1.0
 #: laws that are efforts over states of a body or a spring
 EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step brings less (share of the sum of squares; sum of squares), or promises a share of that
 ENOUGH, CONVERGED = (1e-4, 20.0), 1e-3
-#: damping with which a fit begins (Marquardt's lambda)
-DAMPED = 1e-3
 #: a Jacobian serves on by its secants while falls are as promised, within this share
 TRUSTED = 0.5
 
@@ -177,16 +174,24 @@ class FitProblem:
             J[:, j] = column
         return J
 
+    def coarsely(self, x: Floats, gains: Sequence[Gains], rows: Floats) -> tuple["FitProblem", Floats]:
+        """The problem in coarse steps, for differences: they err alike at both ends; and its residuals.
+
+        Itself where it is so, or where coarse steps do not stay finite.
+        """
+        coarse = self.segments.coarse
+        if coarse is self.segments:
+            return self, rows
+        rough = copy.copy(self)
+        rough.segments = coarse
+        own = rough.residuals(x, gains)
+        return (self, rows) if own is None else (rough, own)
+
     def step_jacobian(
         self, x: Floats, gains: Sequence[Gains], rows: Floats, near: dict[str, Floats] | None = None
     ) -> Floats:
-        """The Jacobian of a step or a comparison, by coarse steps: they err alike at both ends of a difference."""
-        rough, coarse = self, self.segments.coarse
-        if coarse is not self.segments:
-            rough = copy.copy(self)
-            rough.segments = coarse
-            own = rough.residuals(x, gains)
-            rough, rows = (self, rows) if own is None else (rough, own)
+        """The Jacobian of a step, by coarse steps."""
+        rough, rows = self.coarsely(x, gains, rows)
         return rough.jacobian(x, gains, rows, near)
 
     @property
@@ -237,38 +242,31 @@ class FitProblem:
         J, fresh = self.step_jacobian(x, gains, rows, near), near is None
         turn, cut, own = 0, 0, [f.prior and f.recording is not None and not f.is_zero for f in self.free]
         while turn - cut < steps:
-            gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
-            taken: tuple[Floats, Floats] | None = None
-            least, promised = min(ENOUGH[0] * here, ENOUGH[1]), 0.0
-            for attempted in range(5):
-                try:
-                    step = step_in_box(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
-                except np.linalg.LinAlgError:
-                    return x, here
-                promised = -float(2.0 * side @ step + step @ gram @ step)
-                if not attempted and promised < CONVERGED * least:
-                    return x, here
-                there = self.residuals(x + step, gains)
-                if there is not None and there @ there < here:
-                    taken = step, there
-                    break
-                damping = max(8.0 * damping, DAMPED)
-            if taken is None and fresh:
+            here = float(rows @ rows)
+            least = min(ENOUGH[0] * here, ENOUGH[1])
+            try:
+                tried = damped_step(lambda z: self.residuals(z, gains), x, J, rows, damping, CONVERGED * least)
+            except np.linalg.LinAlgError:
+                return x, here
+            if tried is None:
+                return x, here
+            damping, trusted = tried.damping, False
+            if tried.rows is None and fresh:
                 break
-            if taken is not None:
+            if tried.rows is not None:
                 # what is one recording's own is hardly known: a step of it that is cut short is on its way still
-                cut += cut < steps and bool((np.abs(taken[0])[own] >= STEP_MAX).any())
+                cut += cut < steps and bool((np.abs(tried.step)[own] >= STEP_MAX).any())
                 turn += 1
-                fall = here - float(taken[1] @ taken[1])
-                J += secant(gram, taken[1] - rows - J @ taken[0], taken[0])
-                x, rows, damping = x + taken[0], taken[1], damping / 8.0
-                trusted = abs(fall - promised) <= TRUSTED * promised
+                fall = here - float(tried.rows @ tried.rows)
+                missed = tried.rows - rows - J @ tried.step
+                x, rows, damping = x + tried.step, tried.rows, damping / 8.0
                 if fresh and fall < least:
                     break
-                fresh = False
-            if turn - cut < steps and (taken is None or not trusted):
-                J, fresh = self.step_jacobian(x, gains, rows), True
-                damping = min(damping, DAMPED)
+                trusted, fresh = abs(fall - tried.promised) <= TRUSTED * tried.promised, False
+            if trusted:
+                J += secant(tried.gram, missed, tried.step)
+            elif turn - cut < steps:
+                J, fresh, damping = self.step_jacobian(x, gains, rows), True, min(damping, DAMPED)
         return x, float(rows @ rows)
 
     def solved(
@@ -333,30 +331,6 @@ class FitProblem:
             if best is None or loss < best[0]:
                 better, best, x, noise_levels = True, (loss, found, tuned, likelihood), found, tuned
         return None if best is None else self.model(*best[1:])
-
-
-def step_in_box(gram: Floats, side: Floats) -> Floats:
-    """The least of the quadratic model where no step is longer than ``STEP_MAX``.
-
-    Raises LinAlgError where the model is not positive.
-    """
-    step = np.asarray(-np.linalg.solve(gram, side), dtype=float)
-    if np.abs(step).max() <= STEP_MAX:
-        return step
-    from scipy.optimize import lsq_linear
-
-    root = np.linalg.cholesky(gram)
-    box = -STEP_MAX, STEP_MAX
-    return np.asarray(lsq_linear(root.T, -np.linalg.solve(root, side), box, method="bvls").x, dtype=float)
-
-
-def secant(gram: Floats, missed: Floats, step: Floats) -> Floats:
-    """What is to be added to a Jacobian that missed the change of a step by so much.
-
-    Broyden, Math. Comp. 19 (1965) 577, with parameters in the units in which each does the same.
-    """
-    scaled = (np.diag(gram) + 1e-9) * step
-    return np.outer(missed, scaled / float(scaled @ step))
 
 
 def without_name(segments: Segments, model: FittedModel, key: Key) -> FittedModel:

@@ -13,7 +13,8 @@ import numpy as np
 from scipy import special
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnosis.engine.fit import LADDER, STEP_MAX, FitProblem, FittedModel
+from dtbacklash.diagnosis.engine.fit import LADDER, FitProblem, FittedModel
+from dtbacklash.diagnosis.engine.least_squares import STEP_MAX
 from dtbacklash.diagnosis.engine.motion import Motion
 from dtbacklash.diagnosis.engine.parameters import Errors, FreeParameter, Key, apply, unit_of
 from dtbacklash.diagnosis.engine.predictor import Gains

@@ -2,7 +2,7 @@
 
 Between two samples the simulated rig advances, laws, contacts and all; at each sample its state is corrected by
 ``x += K (y - y^)``. ``K`` is the gain of the linear plant with an unknown white force at each body and white noise on
-each sensor. Their noise levels are found by the likelihood of the innovations ``e`` with covariance ``S``,
+each sensor. Their levels are found by the likelihood of the innovations ``e`` with covariance ``S``,
 
     -2 log L = sum over the samples of log det S + e' S^-1 e
 
@@ -29,7 +29,7 @@ from dtbacklash.physics.rig import Rig
 #: what laws add to the linear recursion along a pass: A, C, drive (N, n), readings, first state, and the linear part
 Known = tuple[Floats, Floats, Floats, Floats, Floats, Linear]
 
-#: where the search for the noise levels of unknown forces begins, and between which it looks (shares of what acts)
+#: where the search for the levels of unknown forces begins, and between which it looks (shares of what acts)
 FORCE_START, FORCE_ENDS = 0.03, (1e-8, 30.0)
 #: a sensor's noise lies between these, relative to what its readings show (ratio); ripple and counts do not average out
 NOISE_ENDS = (np.exp(-1.0), np.exp(0.4))
@@ -137,7 +137,7 @@ class Predictor:
         return low, high
 
     def scaled(self, noise_levels: Floats, factor: float) -> Floats:
-        """Sizes with other unknown forces."""
+        """Noise levels with other unknown forces."""
         other = noise_levels.copy()
         n = len(self.bodies)
         other[:n] = np.maximum(other[:n] + np.log(factor), np.log(FORCE_ENDS[0]))

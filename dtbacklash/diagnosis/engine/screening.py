@@ -1,4 +1,4 @@
-"""Which of some proposed rigs explain most: quick fits on the beginning sift, exact ones on all decide."""
+"""Screening of proposed rigs: quick fits of all on the beginning, exact fits of the best on all."""
 
 from __future__ import annotations
 

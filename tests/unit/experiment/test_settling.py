@@ -1,45 +1,21 @@
 """A gap that is too large is taken back before the loop has gone round in it for long."""
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from steady_twin import SteadyTwin
 
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.experiment.settling import HalfGap
-from dtbacklash.twin.gap.estimate import Estimate
-from dtbacklash.twin.gap.guard import Attempt, Verdict
-from dtbacklash.twin.link.service import Answer, Reply
-
-
-@dataclass
-class Says:
-    """A twin that always answers with the same gap, rad."""
-
-    gap: float
-    waiting: list = field(default_factory=list)
-
-    def warm_up(self):
-        pass
-
-    def ask(self, request):
-        estimate = Estimate(self.gap, self.gap, 0.0, 0.0, 0.0, 0.0, math.inf, 1, True, "", 0.0)
-        answer = Answer((Attempt(estimate, Verdict(True, "sure"), self.gap),), True, 0.0)
-        self.waiting.append(Reply(request, answer))
-
-    def replies(self):
-        found, self.waiting = self.waiting, []
-        return found
-
 
 WORDS = ("controller=nimc_twin", "controller.internal_model=inner_loop", "profile=constant", "profile.start_deg=5",
          "controller.gap_hat_deg=5", "reference.period_s=20", "duration_s=19", "twin.delay_s=0.5")  # fmt: skip
 
 
 def test_a_gap_in_which_the_loop_goes_round_is_taken_back():
-    result = run_scenario(compose(*WORDS), service=Says(math.radians(60)))
+    result = run_scenario(compose(*WORDS), service=SteadyTwin(math.radians(60)))
     believed = result.trace.set_index("t_s")["gap_hat_deg"]
     assert believed[13.0] == pytest.approx(60.0)  # in force from 11.5 s on
     assert believed[15.0] == pytest.approx(5.0)
@@ -50,7 +26,9 @@ def test_a_gap_in_which_the_loop_goes_round_is_taken_back():
 
 
 def test_a_gap_that_was_taken_back_is_not_believed_again():
-    result = run_scenario(compose(*WORDS[:-2], "twin.delay_s=0.5", "duration_s=39"), service=Says(math.radians(60)))
+    result = run_scenario(
+        compose(*WORDS[:-2], "twin.delay_s=0.5", "duration_s=39"), service=SteadyTwin(math.radians(60))
+    )
     believed = result.trace.set_index("t_s")["gap_hat_deg"]
     assert np.allclose(believed[15.0:], 5.0)
     assert "taken back" in result.estimates["reason"].iloc[0]
@@ -59,7 +37,7 @@ def test_a_gap_that_was_taken_back_is_not_believed_again():
 
 
 def test_a_gap_with_which_it_rests_is_kept():
-    result = run_scenario(compose(*WORDS), service=Says(math.radians(6)))
+    result = run_scenario(compose(*WORDS), service=SteadyTwin(math.radians(6)))
     assert result.trace["gap_hat_deg"].iloc[-1] == pytest.approx(6.0)
     assert result.estimates["reason"].iloc[0] == "sure"
 

@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities
 from dtbacklash.diagnosis.engine.columns import ColumnMaker
 from dtbacklash.diagnosis.engine.efforts import SMALL
-from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel, secant, step_in_box
+from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
+from dtbacklash.diagnosis.engine.least_squares import secant, step_in_box
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
 from dtbacklash.diagnosis.engine.parameters import Key, apply, standing, taken_out
 from dtbacklash.diagnosis.engine.predictor import Predictor

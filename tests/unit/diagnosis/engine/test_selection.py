@@ -143,7 +143,7 @@ def test_a_law_that_acts_little_at_first_is_at_its_own_place(seed):
     )
 
 
-def test_quick_fits_use_the_sizes_of_the_stretch_that_they_look_at(monkeypatch):
+def test_quick_fits_use_the_noise_levels_of_the_stretch_that_they_look_at(monkeypatch):
     """The longest one, which need not be the first."""
     rig = nominal_rig("pendulum")
     true = rig.with_effect(*COULOMB, {"torque": 0.02})
