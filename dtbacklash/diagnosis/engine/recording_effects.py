@@ -51,11 +51,8 @@ def differ(search: StepwiseSelection, named: Sequence[FittedModel]) -> bool:
                     rules.unexplained_attention, min(rules.max_unexplained, rules.clearing_ratio * search.unknown(now))
                 ):
                     found.append((done, title))
-    gained = now.score - named[0].score if named else -np.inf
-    if (
-        gained < max((gain for gain, *_ in search.apart), default=-np.inf)
-        or search.unknown(named[0]) > rules.max_unexplained
-    ):
+    promised = max((gain for gain, *_ in search.apart), default=-np.inf)
+    if not named or now.score - named[0].score < promised or search.unknown(named[0]) > rules.max_unexplained:
         found += _differing_names(search)
     if not found:
         return False

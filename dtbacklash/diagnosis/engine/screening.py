@@ -12,7 +12,6 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt, attempts
 from dtbacklash.diagnosis.engine.fit import FitProblem, FittedModel
 from dtbacklash.diagnosis.engine.parameters import Key, taken_out
-from dtbacklash.diagnosis.engine.predictor import LOST
 from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
@@ -35,7 +34,9 @@ def screen(
 ) -> list[FittedModel]:
     """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all.
 
-    instead : the name in whose place they are tried; they may make less than what is a law.
+    At most two, each better than the model: what fits the beginning alone, as a constant load does where another
+    recording moves the other way, takes no place. instead : the name in whose place they are tried; they may make
+    less than what is a law.
     """
     if not proposals:
         return []
@@ -94,8 +95,9 @@ def screen(
     full: list[FittedModel] = []
     for m in some:
         if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
-            full += attempt(_fit_on_all, search, m, model, instead is not None) or []
-    return sorted((m for m in full if m.score < LOST), key=lambda m: m.score)
+            done = attempt(_fit_on_all, search, m, model, instead is not None) or []
+            full += [better for better in done if better.score < model.score]
+    return sorted(full, key=lambda m: m.score)
 
 
 def _fit_on_all(search: StepwiseSelection, m: FittedModel, model: FittedModel, small: bool) -> list[FittedModel]:
