@@ -21,7 +21,7 @@ from dtbacklash.diagnosis.engine.per_recording import in_each
 from dtbacklash.diagnosis.engine.resampling import rate_of
 from dtbacklash.diagnosis.engine.scale_errors import ScaleError, begin
 from dtbacklash.diagnosis.engine.segments import Segments
-from dtbacklash.diagnosis.engine.selection import MOST, StepwiseSelection
+from dtbacklash.diagnosis.engine.selection import MOST, StepwiseSelection, of_timing
 from dtbacklash.diagnosis.engine.sensor_zeros import zeroed
 from dtbacklash.diagnosis.explain.accepted_error import Enough
 from dtbacklash.diagnosis.explain.calibration import calibration
@@ -50,7 +50,6 @@ from dtbacklash.diagnosis.preliminary import Depth, Stages, known
 from dtbacklash.diagnosis.records import SMOOTH, STEPPED, Record, ways_to_read
 from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
 #: what is said while and after a search is stopped
@@ -215,7 +214,7 @@ class _Course:
     def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
         segments, now = replace(self._segments(records, self.every), nominal=search.segments.nominal), search.now
-        late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
+        late = [key for key in now.keys if of_timing(replace(now, keys=(key,)))]
         alike = now.score - now.loss + segments.tuned(now.rig)[1]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
         fitted = [_fitted(segments, search.motion, without_name(segments, now, key)) for key in late]
@@ -252,9 +251,10 @@ class _Course:
                 search.add_forward()
             if self.depth != FULL and not search.too_coarse:
                 search.final_fit()
-            if not (search.too_coarse or (max(self.every) > 1 and self._of_timing(search.now))):
+            timing = max(self.every) > 1 and of_timing(search.now)
+            if not (search.too_coarse or timing):
                 return search
-            self.every = self._finer() if search.too_coarse else [1] * len(self.every)
+            self.every = [1] * len(self.every) if timing else self._finer()
             self.tell("looking closer, at a faster rate", 0.3)
             search = self._begun(self.records)
 
@@ -279,11 +279,6 @@ class _Course:
         """The largest unknown force of a model at a finer rate."""
         segments = self._segments(self.records, self._finer())
         return segments.most_unknown(segments.tuned(model.rig)[0])
-
-    def _of_timing(self, model: FittedModel) -> bool:
-        """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
-        found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
-        return any(slot.delays or isinstance(slot, (slots.Lag, slots.Filter)) for slot in found)
 
     def _found(self, search: StepwiseSelection, depth: Depth) -> Diagnosis:
         """Judge a search, and say what it amounts to."""

@@ -16,7 +16,6 @@ from dtbacklash.diagnosis.engine.fit import FittedModel
 from dtbacklash.diagnosis.engine.horizons import LONG, VIEWS, WHITE, Horizons, paired_t
 from dtbacklash.diagnosis.engine.parameters import Key
 from dtbacklash.diagnosis.engine.predictor import ASTRAY
-from dtbacklash.diagnosis.engine.proposals import alternatives_to
 from dtbacklash.diagnosis.engine.scale_errors import ScaleError, numbers_instead
 from dtbacklash.diagnosis.engine.selection import StepwiseSelection
 from dtbacklash.diagnosis.findings import Confidence
@@ -150,7 +149,7 @@ class ConfidenceTest:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
         search = self.search
         known = {tuple(sorted(m.keys)): m for m in search.beaten.get(key, []) if key not in m.keys}
-        for m in attempt(alternatives_to, search, less, key) or []:
+        for m in search.alternatives(less, key):
             known.setdefault(tuple(sorted(m.keys)), m)
         kept = [m for k, m in known.items() if set(less.keys) <= set(k)]
         return sorted(kept, key=lambda m: m.score)[:3]

@@ -25,7 +25,7 @@ from dtbacklash.diagnosis.engine.segments import NoiseLevels, Segments
 from dtbacklash.diagnosis.settings import SETTINGS, DiagnoseSettings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find, simpler
-from dtbacklash.physics.effects.slots import Filter, Late
+from dtbacklash.physics.effects.slots import Filter, Lag, Late
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import Rig
 
@@ -54,6 +54,7 @@ class StepwiseSelection:
     differences : titles of what is free in each recording as the search found it to differ.
     apart : what names with a size in each recording would explain beside the model that was last proposed to.
     rejected : names that explain nothing at a longer horizon, and are proposed no more.
+    exchanged : what was tried in the place of a name, by the names beside it and those rejected.
     first_columns : what :meth:`preview` compared, for the first proposals.
     """
 
@@ -71,6 +72,7 @@ class StepwiseSelection:
     differences: tuple[str, ...] = ()
     apart: list[tuple[float, Hypothesis, Floats]] = field(default_factory=list)
     rejected: set[Key] = field(default_factory=set)
+    exchanged: dict[tuple[Key, frozenset[Key], frozenset[Key]], list[FittedModel]] = field(default_factory=dict)
     first_columns: tuple[FittedModel, Predictor, CandidateSensitivities | None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -95,6 +97,7 @@ class StepwiseSelection:
     def run(self) -> FittedModel:
         """The whole search; it ends early where the rate turns out to be too coarse."""
         self.add_forward()
+        self.too_coarse |= self.finer is not None and of_timing(self.now)
         if self.too_coarse:
             return self.now
         for _ in range(2):
@@ -250,8 +253,7 @@ class StepwiseSelection:
             less = self.without(self.now, key)
             if less is None:
                 continue
-            found = attempt(alternatives_to, self, less, key, 2) or []
-            self.beaten[key] = found
+            found = self.beaten[key] = self.alternatives(less, key)
             if (
                 found
                 and found[0].score < self.now.score - self.rules.tie_ratio * self.rules.min_gain * self.segments.count
@@ -260,6 +262,13 @@ class StepwiseSelection:
                 self.eliminate_backward()
                 return True
         return False
+
+    def alternatives(self, less: FittedModel, key: Key) -> list[FittedModel]:
+        """Others in the place of a name; of the same names they are looked for once. less : the model without it."""
+        asked = key, frozenset(self.now.keys), frozenset(self.rejected)
+        if asked not in self.exchanged:
+            self.exchanged[asked] = attempt(alternatives_to, self, less, key) or []
+        return self.exchanged[asked]
 
     def simplify(self) -> None:
         """The simpler law that a name may become, where it explains hardly less."""
@@ -333,6 +342,12 @@ class StepwiseSelection:
             self.now = done
         if little:
             self.eliminate_backward(stiff)
+
+
+def of_timing(model: FittedModel) -> bool:
+    """Whether a model has a delay, a lag or a filter: readings averaged over some samples show them only roughly."""
+    found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
+    return any(slot.delays or isinstance(slot, (Lag, Filter)) for slot in found)
 
 
 def described(model: FittedModel) -> list[str]:
