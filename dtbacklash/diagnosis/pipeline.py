@@ -195,14 +195,10 @@ class _Course:
         self.records = ways[self.course]
         search = self._at_rates(begun[self.course])
         for course, records in ways.items():  # what was missing may have looked like another course
-            if course != self.course and self._likelier(records, search):
-                before = self.course, self.records, self.every
+            better = self._at_course(course, records, search) if course != self.course else None
+            if better is not None:
                 self.course, self.records = course, records
-                other = self._at_rates(self._begun(records))
-                if self.every != before[2] or other.now.score < search.now.score:
-                    return other  # at another rate the two cannot be compared
-                self.course, self.records, self.every = before
-                self.search = search
+                return self._at_rates(self._begun(records, better, search.differences))
         return search
 
     def _clears(self, records: list[Record], held: StepwiseSelection) -> bool:
@@ -211,25 +207,37 @@ class _Course:
         left = segments.most_unknown(segments.tuned(held.now.rig)[0])
         return left < held.rules.clearing_ratio * held.unknown(held.now)
 
-    def _likelier(self, records: list[Record], search: StepwiseSelection) -> bool:
-        """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
+    def _at_course(self, course: str, records: list[Record], search: StepwiseSelection) -> FittedModel | None:
+        """A search's model with another course of the command, or that without a name that makes it late.
+
+        None where neither is likelier: each name, and a course other than a held one, has to earn the least.
+        """
         segments, now = replace(self._segments(records, self.every), nominal=search.segments.nominal), search.now
         late = [key for key in now.keys if of_timing(replace(now, keys=(key,)))]
-        alike = now.score - now.loss + segments.tuned(now.rig)[1]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
-        fitted = [_fitted(segments, search.motion, without_name(segments, now, key)) for key in late]
-        fewer = any(m is not None and m.score < now.score for m in fitted)  # with a name less it has nothing to earn
-        return fewer or bool(alike < now.score - search.least)
+        tried = [now, *(without_name(segments, now, key) for key in late)]
+        fitted = [_fitted(segments, search.motion, m) for m in tried]
 
-    def _begun(self, records: list[Record]) -> StepwiseSelection:
-        """A search that has recalibrated the nominal rig."""
+        def cost(m: FittedModel, at: str) -> float:
+            return m.score + search.least * (len(m.keys) + bool(at))
+
+        best = min((m for m in fitted if m is not None and not m.at_end), key=lambda m: cost(m, course), default=None)
+        return best if best is not None and cost(best, course) < cost(now, self.course) else None
+
+    def _begun(
+        self, records: list[Record], model: FittedModel | None = None, differences: tuple[str, ...] = ()
+    ) -> StepwiseSelection:
+        """A search that has recalibrated the nominal rig, and taken up the names of a model of another one."""
         finer = self._at_finer if max(self.every) > 1 else None
         segments, first = self._segments(records, self.every), self.begin
         if first:
             first = replace(first, rig=zeroed(segments, first.rig))
-        return StepwiseSelection(
+        search = StepwiseSelection(
             replace(segments, nominal=zeroed(segments, self.rig)), tell=self.tell, finer=finer, begin=first
         )
+        if model is not None:
+            search.begin_with(model, differences)
+        return search
 
     def _segments(self, records: list[Record], every: list[int]) -> Segments:
         """Predictors of records, with the forces that move the rig from which a search begins."""
@@ -256,7 +264,7 @@ class _Course:
                 return search
             self.every = [1] * len(self.every) if timing else self._finer()
             self.tell("looking closer, at a faster rate", 0.3)
-            search = self._begun(self.records)
+            search = self._begun(self.records, search.now, search.differences)
 
     def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""

@@ -185,8 +185,8 @@ class ConfidenceTest:
             ahead = any(t[view] < -self.rules.min_t and falls[view] > self.search.least for view in VIEWS)
             fewer = np.exp(-2.0 * (self.model.counts - m.counts) / self.segments.count)
             suffices = min(paired_t(fewer * other.views[view], mine.views[view]) for view in (LONG, WHITE)) < 0.0
-        # what earns no name tells none from another, either
-        beaten = min(t.values()) > self.rules.min_t and costs > self.search.least
+        # what earns no name tells none from another, either: at the noise levels of the name, and at its own
+        beaten = min(t.values()) > self.rules.min_t and min(costs, lead) > self.search.least
         return Rival(keys, m, lead, t, agree, ratio, container, beaten, ahead, suffices)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:

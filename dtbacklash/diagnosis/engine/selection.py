@@ -190,7 +190,7 @@ class StepwiseSelection:
     def add_forward(self) -> None:
         """Add the best name or pair while one earns its place."""
         count, been = self.segments.count, set()
-        while len(self.now.keys) < self.most and frozenset(self.now.keys) not in been:
+        while len(self.now.keys) < self.most and frozenset(self.now.keys) not in been and not self.too_coarse:
             been.add(frozenset(self.now.keys))
             self.look_at(self.now.noise_levels)
             there = len(self.now.keys)
@@ -216,14 +216,30 @@ class StepwiseSelection:
             new = [k for k in best.keys if k not in self.now.keys]
             for key in new:
                 self.beaten[key] = [m for m in found if m is not best]
-            if self.segments.refine(best.rig, best.noise_levels, self.rules.min_gain * count):
-                self.quick = self.segments.first(SHARE)
-                best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
-            self.now = best
-            if self.finer is not None and self.unknown(best) > self.rules.max_unexplained:
-                self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
-                if self.too_coarse:
-                    return
+            self.take(best)
+
+    def begin_with(self, model: FittedModel, differences: tuple[str, ...]) -> None:
+        """Begin with the names of a model of other readings of the same, where they earn their places here.
+
+        differences : see the attribute, of the search that found the model.
+        """
+        if not model.keys or model.smooth:
+            return
+        start = replace(model, noise_levels=self.segments.tuned(model.rig)[0], stiff=STIFF)
+        best = self.fitted(model.rig, start, model.keys, (1.0, 0.1, 1.0), 5)
+        if best is not None and not best.at_end and best.score < self.now.score - self.asked(best, self.now):
+            self.differences = differences
+            self.take(best)
+
+    def take(self, best: FittedModel) -> None:
+        """Go on from a better model, without what it makes idle; in finer steps, or at a faster rate, if it asks so."""
+        if self.segments.refine(best.rig, best.noise_levels, self.rules.min_gain * self.segments.count):
+            self.quick = self.segments.first(SHARE)
+            best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
+        self.now = self.names = best
+        if self.finer is not None and self.unknown(best) > self.rules.max_unexplained:
+            self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
+        if not self.too_coarse:
             self.eliminate_backward()
 
     def eliminate_backward(self, stiff: float | None = None) -> None:
