@@ -111,13 +111,14 @@ class Conclusion:
     def certainty(self) -> dict[Key, Confidence]:
         """How sure each name is: as judged, if it is more than nothing, stands in each recording and predicts it.
 
-        None is where most of what was unknown is left, or where a clock had to be set right: the rest of its error acts
-        as frictions and delays do.
+        None is where most of what was unknown is left beside names and tables, or where a clock had to be set right:
+        the rest of its error acts as frictions and delays do.
         """
         sizes, timed = self.sizes, not any(s.record.retimed for s in self.seen.stretches)
+        explained = self.follows and self.search.explains(self.last)
         return {
             key: self.judged.certainty.get(key, "partial")
-            if self.full and timed and self.explains and is_there(self.model, self.values, key)
+            if self.full and timed and explained and is_there(self.model, self.values, key)
             and self.stands_in_each(sizes[key]) and not self.not_predicted(key) else "partial"
             for key in sizes
         }  # fmt: skip

@@ -196,9 +196,15 @@ class _Course:
         search = self._at_rates(begun[self.course])
         for course, records in ways.items():  # what was missing may have looked like another course
             better = self._at_course(course, records, search) if course != self.course else None
-            if better is not None:
-                self.course, self.records = course, records
-                return self._at_rates(self._begun(records, better, search.differences))
+            if better is None:
+                continue
+            before = self.course, self.records, self.every
+            self.course, self.records = course, records
+            other = self._at_rates(self._begun(records, better, search.differences))
+            if self.every != before[2] or _cost(other, other.now, course) < _cost(search, search.now, before[0]):
+                return other  # at another rate the two cannot be compared
+            self.course, self.records, self.every = before
+            self.search = search
         return search
 
     def _clears(self, records: list[Record], held: StepwiseSelection) -> bool:
@@ -213,16 +219,14 @@ class _Course:
         None where neither is likelier: each name, and a course other than a held one, has to earn the least.
         """
         segments, now = replace(self._segments(records, self.every), nominal=search.segments.nominal), search.now
+        if search.segments.coarse is not search.segments:
+            segments = segments.fine
         late = [key for key in now.keys if of_timing(replace(now, keys=(key,)))]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
         tried = [now, *(without_name(segments, now, key) for key in late)]
-        fitted = [_fitted(segments, search.motion, m) for m in tried]
-
-        def cost(m: FittedModel, at: str) -> float:
-            return m.score + search.least * (len(m.keys) + bool(at))
-
-        best = min((m for m in fitted if m is not None and not m.at_end), key=lambda m: cost(m, course), default=None)
-        return best if best is not None and cost(best, course) < cost(now, self.course) else None
+        fitted = [m for m in (_fitted(segments, search.motion, m) for m in tried) if m is not None and not m.at_end]
+        best = min(fitted, key=lambda m: _cost(search, m, course), default=None)
+        return best if best and _cost(search, best, course) < _cost(search, now, self.course) else None
 
     def _begun(
         self, records: list[Record], model: FittedModel | None = None, differences: tuple[str, ...] = ()
@@ -236,6 +240,7 @@ class _Course:
             replace(segments, nominal=zeroed(segments, self.rig)), tell=self.tell, finer=finer, begin=first
         )
         if model is not None:
+            self.search = search  # at this rate, with these records: what is known if it is stopped
             search.begin_with(model, differences)
         return search
 
@@ -244,7 +249,7 @@ class _Course:
         return replace(segments_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
 
     def _at_rates(self, search: StepwiseSelection) -> StepwiseSelection:
-        """The search at the rate of the motion; at faster ones where much force stays unknown."""
+        """The search at the rate of the motion; at faster ones where much force is unknown, or a law is of timing."""
         while True:
             if self._seen(search).unlogged(search.now.rig):
                 self.search = search  # whatever would be found may be what is not in the log
@@ -264,7 +269,9 @@ class _Course:
                 return search
             self.every = [1] * len(self.every) if timing else self._finer()
             self.tell("looking closer, at a faster rate", 0.3)
-            search = self._begun(self.records, search.now, search.differences)
+            found = search.names if search.now.smooth else search.now
+            driven = any(r.driven for r in self.records)
+            search = self._begun(self.records, found if driven else None, search.differences)
 
     def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""
@@ -408,6 +415,11 @@ def _fitted(segments: Segments, motion: Motion, model: FittedModel) -> FittedMod
     """A model fitted anew on some segments; None where nothing stays finite."""
     problem = FitProblem(segments, model.rig, model.keys, motion, model.stiff, model.smooth)
     return problem.homotopy_fit(model.noise_levels, None, (1.0, 0.1, 1.0), 4)
+
+
+def _cost(search: StepwiseSelection, model: FittedModel, course: str) -> float:
+    """The score of a model and the least for each name and for a course of the command other than a held one."""
+    return model.score + search.least * (len(model.keys) + bool(course))
 
 
 def _without_tables(search: StepwiseSelection, model: FittedModel, tables: list[tuple[str, str]]) -> FittedModel | None:

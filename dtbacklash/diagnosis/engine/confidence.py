@@ -34,9 +34,10 @@ class Rival:
     keys : what stands there instead; none where nothing does. model : with it. lead : its score less that of the model
     with the name. t : view -> lead over it in standard errors. agree : share of the stretches, in all views.
     ratio : rms that it leaves at the long horizon, over that of the model. container : whether its law holds the
-    name's as a special case. beaten : whether the name leads it in every view, and it costs more.
-    ahead : whether it leads the name in one, and leaves less there by as much. suffices : whether the name does not
-    lead it where the readings correct little, parameters counted as Akaike does (Vuong, Econometrica 57 (1989) 307).
+    name's as a special case. beaten : whether the name leads it in every view, and it costs more, at the noise levels
+    of the name and at its own. ahead : whether it leads the name in one, and leaves less there by as much.
+    suffices : whether it leads where the readings correct little, parameters counted as Akaike does (Vuong,
+    Econometrica 57 (1989) 307): of the rig without the name, that the name adds nothing there.
     """
 
     keys: tuple[Key, ...]
@@ -149,8 +150,7 @@ class ConfidenceTest:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
         search = self.search
         known = {tuple(sorted(m.keys)): m for m in search.beaten.get(key, []) if key not in m.keys}
-        for m in search.alternatives(less, key):
-            known.setdefault(tuple(sorted(m.keys)), m)
+        known |= {tuple(sorted(m.keys)): m for m in search.alternatives(less, key)}
         kept = [m for k, m in known.items() if set(less.keys) <= set(k)]
         return sorted(kept, key=lambda m: m.score)[:3]
 

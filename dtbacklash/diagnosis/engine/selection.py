@@ -15,7 +15,7 @@ from dtbacklash.diagnosis.engine.candidates import CandidateSensitivities, Propo
 from dtbacklash.diagnosis.engine.fit import STIFF, FitProblem, FittedModel, without_name
 from dtbacklash.diagnosis.engine.hypotheses import Hypothesis
 from dtbacklash.diagnosis.engine.motion import Motion, motion_of
-from dtbacklash.diagnosis.engine.parameters import Key
+from dtbacklash.diagnosis.engine.parameters import Key, taken_out
 from dtbacklash.diagnosis.engine.predictor import Predictor
 from dtbacklash.diagnosis.engine.proposals import alternatives_to, propose
 from dtbacklash.diagnosis.engine.recording_effects import alike, differ
@@ -54,7 +54,7 @@ class StepwiseSelection:
     differences : titles of what is free in each recording as the search found it to differ.
     apart : what names with a size in each recording would explain beside the model that was last proposed to.
     rejected : names that explain nothing at a longer horizon, and are proposed no more.
-    exchanged : what was tried in the place of a name, by the names beside it and those rejected.
+    exchanged : what was tried in the place of a name, by the names beside it, those rejected, and how stiff priors are.
     first_columns : what :meth:`preview` compared, for the first proposals.
     """
 
@@ -72,7 +72,7 @@ class StepwiseSelection:
     differences: tuple[str, ...] = ()
     apart: list[tuple[float, Hypothesis, Floats]] = field(default_factory=list)
     rejected: set[Key] = field(default_factory=set)
-    exchanged: dict[tuple[Key, frozenset[Key], frozenset[Key]], list[FittedModel]] = field(default_factory=dict)
+    exchanged: dict[tuple[object, ...], list[FittedModel]] = field(default_factory=dict)
     first_columns: tuple[FittedModel, Predictor, CandidateSensitivities | None] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -219,24 +219,34 @@ class StepwiseSelection:
             self.take(best)
 
     def begin_with(self, model: FittedModel, differences: tuple[str, ...]) -> None:
-        """Begin with the names of a model of other readings of the same, where they earn their places here.
+        """Begin with a model of the same recordings at another rate, or with another course of the command.
 
+        Its names are fitted anew, without those that come to nothing, and taken where together they earn their places.
         differences : see the attribute, of the search that found the model.
         """
-        if not model.keys or model.smooth:
-            return
-        start = replace(model, noise_levels=self.segments.tuned(model.rig)[0], stiff=STIFF)
-        best = self.fitted(model.rig, start, model.keys, (1.0, 0.1, 1.0), 5)
-        if best is not None and not best.at_end and best.score < self.now.score - self.asked(best, self.now):
-            self.differences = differences
-            self.take(best)
+        rig, keys, noise_levels = model.rig, model.keys, self.segments.tuned(model.rig)[0]
+        while keys:
+            start = replace(self.nothing, noise_levels=noise_levels)
+            best = self.fitted(rig, start, keys, (1.0, 0.1, 1.0), 5)
+            if best is None:
+                return
+            ends = {f.key for f, x in zip(best.free, best.x, strict=True) if f.at_end(x)}
+            idle = {key for key in keys if key in ends or best.rig.effect(*key) is None}
+            if not idle:
+                if best.score < self.now.score - self.asked(best, self.now):
+                    self.differences = differences
+                    self.take(best)
+                return
+            keys = tuple(key for key in keys if key not in idle)
+            for key in idle:
+                rig = taken_out(rig, key)
 
     def take(self, best: FittedModel) -> None:
         """Go on from a better model, without what it makes idle; in finer steps, or at a faster rate, if it asks so."""
         if self.segments.refine(best.rig, best.noise_levels, self.rules.min_gain * self.segments.count):
             self.quick = self.segments.first(SHARE)
             best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
-        self.now = self.names = best
+        self.now = best
         if self.finer is not None and self.unknown(best) > self.rules.max_unexplained:
             self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
         if not self.too_coarse:
@@ -280,8 +290,8 @@ class StepwiseSelection:
         return False
 
     def alternatives(self, less: FittedModel, key: Key) -> list[FittedModel]:
-        """Others in the place of a name; of the same names they are looked for once. less : the model without it."""
-        asked = key, frozenset(self.now.keys), frozenset(self.rejected)
+        """Others in the place of a name, looked for once of the same model. less : the model without the name."""
+        asked = key, frozenset(self.now.keys), frozenset(self.rejected), self.differences, less.stiff
         if asked not in self.exchanged:
             self.exchanged[asked] = attempt(alternatives_to, self, less, key) or []
         return self.exchanged[asked]
@@ -298,7 +308,7 @@ class StepwiseSelection:
         """
         entry = find(self.now.rig.kind_at(key[0]), key[1], key[0])
         law = simpler(entry)
-        if law is None or self.now.rig.effect(key[0], law.name) is not None:
+        if law is None or (key[0], law.name) in self.rejected or self.now.rig.effect(key[0], law.name) is not None:
             return None
         less = self.without(self.now, key)
         if less is None:

@@ -111,3 +111,16 @@ def test_a_name_that_loses_to_the_rig_without_it_leaves():
     assert search.now is again.model
     assert again.model.rig.effects["disk"]["coulomb_friction"]["torque"] == pytest.approx(0.02, rel=0.02)
     search.now = before
+
+
+def test_a_rejected_name_is_no_simpler_law():
+    """Else it leaves, comes back as what another law becomes, and leaves for ever."""
+    search, found = judged(COULOMB, torque=0.02)
+    before, stribeck = search.now, ("disk", "stribeck_friction")
+    rig = found.model.rig.with_effect(*COULOMB, None).with_effect(*stribeck, {"torque": 0.02, "speed": 1e-3})
+    search.now = search.fitted(rig, found.model, (stribeck,))
+    assert search._simpler(stribeck).keys == (COULOMB,)
+    search.rejected.add(COULOMB)
+    assert search._simpler(stribeck) is None
+    search.now = before
+    search.rejected.clear()
