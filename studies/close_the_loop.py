@@ -166,8 +166,8 @@ def closing_words(kept_file: Path) -> list[str]:
     met, no_worse = (sum(v[j] for v in judged.values()) for j in (0, 1))
     missed = [sort for sort, v in judged.items() if not all(v)]
     said = [
-        f"Overshoot with what was found at most {BAR:g} times that with the truth: {met} of {len(judged)}; "
-        f"never more than before: {no_worse} of {len(judged)}."
+        f"Overshoot with what was found at most {BAR:g} times that with the truth, or within {BAND_PCT:g} %: "
+        f"{met} of {len(judged)}; never more than before, or within {BAND_PCT:g} %: {no_worse} of {len(judged)}."
     ]
     return said + ([f"Missed: {', '.join(missed)}."] if missed else [])
 
