@@ -167,7 +167,7 @@ def closing_words(kept_file: Path) -> list[str]:
     missed = [sort for sort, v in judged.items() if not all(v)]
     said = [
         f"Overshoot with what was found at most {BAR:g} times that with the truth, or within {BAND_PCT:g} %: "
-        f"{met} of {len(judged)}; never more than before, or within {BAND_PCT:g} %: {no_worse} of {len(judged)}."
+        f"{met} of {len(judged)}. Never more than before, or within {BAND_PCT:g} %: {no_worse} of {len(judged)}."
     ]
     return said + ([f"Missed: {', '.join(missed)}."] if missed else [])
 

@@ -178,15 +178,15 @@ class _Course:
         """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
-        held = self.search = self._begun(self.records)
+        held = self.search = self._start(self.records)
         if self.depth != NONE and not self._seen(held).unlogged(held.now.rig):
             held.preview()
             self.tell("recalibrating the rig", 0.04)
         if held.unknown(held.nothing) > held.rules.max_unexplained:
             self.begin = begin(held.quick, held.rules)
-            held = self._begun(self.records) if self.begin else held
+            held = self._start(self.records) if self.begin else held
         begun = {
-            course: self._begun(records) if course else held
+            course: self._start(records) if course else held
             for course, records in ways.items() if course != STEPPED or self._clears(records, held)
         }  # fmt: skip
         scores = {course: search.now.score for course, search in begun.items()}
@@ -200,7 +200,7 @@ class _Course:
                 continue
             before = self.course, self.records, self.every
             self.course, self.records = course, records
-            other = self._at_rates(self._begun(records, better, search.differences))
+            other = self._at_rates(self._start(records, better, search.differences))
             if self.every != before[2] or _cost(other, other.now, course) < _cost(search, search.now, before[0]):
                 return other  # at another rate the two cannot be compared
             self.course, self.records, self.every = before
@@ -219,19 +219,18 @@ class _Course:
         None where neither is likelier: each name, and a course other than a held one, has to earn the least.
         """
         segments, now = replace(self._segments(records, self.every), nominal=search.segments.nominal), search.now
-        if search.segments.coarse is not search.segments:
-            segments = segments.fine
+        segments = segments if search.segments.coarse is search.segments else segments.fine
         late = [key for key in now.keys if of_timing(replace(now, keys=(key,)))]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
         tried = [now, *(without_name(segments, now, key) for key in late)]
-        fitted = [m for m in (_fitted(segments, search.motion, m) for m in tried) if m is not None and not m.at_end]
+        fitted = [m for m in (_fitted(segments, search.motion, m) for m in tried) if m and not m.at_end]
         best = min(fitted, key=lambda m: _cost(search, m, course), default=None)
         return best if best and _cost(search, best, course) < _cost(search, now, self.course) else None
 
-    def _begun(
+    def _start(
         self, records: list[Record], model: FittedModel | None = None, differences: tuple[str, ...] = ()
     ) -> StepwiseSelection:
-        """A search that has recalibrated the nominal rig, and taken up the names of a model of another one."""
+        """Recalibrate the nominal rig, and begin a search with the names of a model of another one."""
         finer = self._at_finer if max(self.every) > 1 else None
         segments, first = self._segments(records, self.every), self.begin
         if first:
@@ -250,13 +249,14 @@ class _Course:
 
     def _at_rates(self, search: StepwiseSelection) -> StepwiseSelection:
         """The search at the rate of the motion; at faster ones where much force is unknown, or a law is of timing."""
+        driven = any(r.driven for r in self.records)
         while True:
             if self._seen(search).unlogged(search.now.rig):
                 self.search = search  # whatever would be found may be what is not in the log
                 return search
             search.likely = search.likely or (self.search.likely if self.search else None)
             self.search = search
-            if self.depth != NONE and not any(r.driven for r in self.records):
+            if self.depth != NONE and not driven:
                 self._moves_by_itself(search)
             if self.depth == FULL:
                 search.run()
@@ -270,8 +270,7 @@ class _Course:
             self.every = [1] * len(self.every) if timing else self._finer()
             self.tell("looking closer, at a faster rate", 0.3)
             found = search.names if search.now.smooth else search.now
-            driven = any(r.driven for r in self.records)
-            search = self._begun(self.records, found if driven else None, search.differences)
+            search = self._start(self.records, found if driven else None, search.differences)
 
     def _seen(self, search: StepwiseSelection) -> Predictions:
         """All records, as the search's present model sees them."""
@@ -348,8 +347,7 @@ class _Course:
             if found is not None and (len(model.keys) > 1 or not found.at_end):
                 segments, motion, last = full, along, found
         several = len(model.keys) > 1 and segments is not search.segments
-        ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
-        segments = segments.fine  # what follows is compared with what is polished
+        ends, segments = last.ends, segments.fine  # what follows is compared with what is polished
         last, about = polished(segments, motion, last)
         for key in model.keys:
             doubted = several or key in ends or not is_there(last, about, key)

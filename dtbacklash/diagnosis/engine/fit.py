@@ -70,6 +70,11 @@ class FittedModel:
     smooth: dict[Key, Floats] = field(repr=False, default_factory=dict)
     stiff: float = STIFF
 
+    @property
+    def ends(self) -> set[Key]:
+        """The names with a value that the data did not choose: it stands at an end of its range."""
+        return {f.key for f, x in zip(self.free, self.x, strict=True) if f.at_end(x)}
+
 
 class FitProblem:
     """The values of one proposed rig on some segments.

@@ -34,9 +34,7 @@ def screen(
 ) -> list[FittedModel]:
     """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all.
 
-    At most two, each better than the model: what fits the beginning alone, as a constant load does where another
-    recording moves the other way, takes no place. instead : the name in whose place they are tried; they may make
-    less than what is a law.
+    instead : the name in whose place they are tried; they may make less than what is a law.
     """
     if not proposals:
         return []
@@ -91,11 +89,17 @@ def screen(
     # where the likeliest end at a bound, which the data have not chosen, others are tried
     for few_at_once in (first, [s for s in second if s not in first]):
         some = some or [m for m in attempts(climbed, few_at_once) if not m.at_end]
-    some.sort(key=lambda m: m.score)
+    return _best_on_all(search, sorted(some, key=lambda m: m.score), model, few, instead is not None)
+
+
+def _best_on_all(
+    search: StepwiseSelection, ranked: list[FittedModel], model: FittedModel, few: int, small: bool
+) -> list[FittedModel]:
+    """At most two of quickly fitted models, fitted on all; what fits the beginning alone is no better there."""
     full: list[FittedModel] = []
-    for m in some:
-        if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
-            done = attempt(_fit_on_all, search, m, model, instead is not None) or []
+    for m in ranked:
+        if len(full) < 2 and (m.score < ranked[0].score + 0.1 * search.quick.count or len(m.keys) == few):
+            done = attempt(_fit_on_all, search, m, model, small) or []
             full += [better for better in done if better.score < model.score]
     return sorted(full, key=lambda m: m.score)
 

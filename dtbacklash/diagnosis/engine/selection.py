@@ -230,8 +230,7 @@ class StepwiseSelection:
             best = self.fitted(rig, start, keys, (1.0, 0.1, 1.0), 5)
             if best is None:
                 return
-            ends = {f.key for f, x in zip(best.free, best.x, strict=True) if f.at_end(x)}
-            idle = {key for key in keys if key in ends or best.rig.effect(*key) is None}
+            idle = {key for key in keys if key in best.ends or best.rig.effect(*key) is None}
             if not idle:
                 if best.score < self.now.score - self.asked(best, self.now):
                     self.differences = differences
@@ -371,7 +370,7 @@ class StepwiseSelection:
 
 
 def of_timing(model: FittedModel) -> bool:
-    """Whether a model has a delay, a lag or a filter: readings averaged over some samples show them only roughly."""
+    """Whether a delay, a lag or a filter is among a model's names; averaged readings show these only roughly."""
     found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
     return any(slot.delays or isinstance(slot, (Lag, Filter)) for slot in found)
 

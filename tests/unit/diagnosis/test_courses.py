@@ -39,7 +39,7 @@ def course(record, name):
 
 def with_names(at, record, *keys):
     """A search that has found these names."""
-    search, rig = at._begun([record]), nominal_rig("pendulum")
+    search, rig = at._start([record]), nominal_rig("pendulum")
     for key in keys:
         rig = rig.with_effect(*key, {"torque": 0.05} if key == FRICTION else {"time": 0.5 * STEP_S})
     model = search.fitted(rig, search.nothing, keys, (1.0, 0.1, 1.0), 5)
@@ -55,7 +55,7 @@ def test_a_smooth_command_and_half_a_sample_of_delay_are_a_held_command(held):
     assert time == pytest.approx(0.5 * STEP_S, rel=0.05)
     better = at._at_course("", [held], search)
     assert better.keys == (FRICTION,)
-    again = at._begun([held], better)
+    again = at._start([held], better)
     assert again.now.keys == (FRICTION,)
 
 
@@ -67,6 +67,6 @@ def test_a_held_command_stays_held(held):
 def test_names_that_earn_nothing_here_are_not_taken_up(held):
     at = course(held, "")
     model = with_names(at, held, FRICTION).now
-    idle = at._begun([held]).fitted(model.rig.with_effect(*DELAY, {"time": 1e-5}), model, (FRICTION, DELAY))
-    assert at._begun([held], idle).now.keys == (FRICTION,)
-    assert at._begun([held]).now.keys == ()
+    idle = at._start([held]).fitted(model.rig.with_effect(*DELAY, {"time": 1e-5}), model, (FRICTION, DELAY))
+    assert at._start([held], idle).now.keys == (FRICTION,)
+    assert at._start([held]).now.keys == ()
